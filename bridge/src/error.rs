@@ -1,0 +1,53 @@
+//! What can go wrong between a process and the world outside.
+
+use std::path::PathBuf;
+
+use crate::cdr::CdrError;
+
+/// Errors of this crate, each with the evidence.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum Error {
+    /// A grid's size or place cannot be worked with.
+    #[error("invalid grid: {what}")]
+    InvalidGrid {
+        /// Which field, its value and what was expected.
+        what: String,
+    },
+    /// A dimension of the vehicle is out of range.
+    #[error("invalid vehicle: {field} is {value}, expected more than 0 and at most {most}")]
+    InvalidVehicle {
+        /// Field of the configuration.
+        field: &'static str,
+        /// Its value.
+        value: f64,
+        /// Most it may be.
+        most: f64,
+    },
+    /// A message did not decode.
+    #[error("{topic}: not a {type_name}: {source}")]
+    Decode {
+        /// Key expression or topic it came on.
+        topic: String,
+        /// Type that was expected.
+        type_name: &'static str,
+        /// What is wrong, and where.
+        source: CdrError,
+    },
+    /// A file could not be opened, read or written.
+    #[error("{}: {source}", path.display())]
+    Io {
+        /// Path as it was given.
+        path: PathBuf,
+        /// The system's word.
+        source: std::io::Error,
+    },
+    /// A file is not what it should be.
+    #[error("{}: {what}", path.display())]
+    BadFile {
+        /// Path as it was given.
+        path: PathBuf,
+        /// What was found at which byte or line, and what was expected.
+        what: String,
+    },
+}

@@ -1,0 +1,21 @@
+//! What leaves a swath process: messages and their encoding, zenoh sessions, recordings, log
+//! ingestion. It also holds the few types that everything outside is described in: frames and
+//! grids, the vehicle's dimensions, outcomes.
+
+pub mod cdr;
+pub mod clock;
+mod error;
+mod frame;
+pub mod geometry;
+pub mod keys;
+pub mod msg;
+mod occupancy;
+mod outcome;
+mod vehicle;
+
+pub use error::Error;
+pub use frame::Frame;
+pub use geometry::{Cell, GridSpec, Pose2};
+pub use occupancy::{FREE, OCCUPIED, Occupancy, UNKNOWN};
+pub use outcome::Outcome;
+pub use vehicle::Vehicle;

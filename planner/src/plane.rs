@@ -1,0 +1,223 @@
+//! One bit a cell: obstacles, references, targets, labels and regions.
+
+use swath_bridge::{Cell, GridSpec, Occupancy, Pose2};
+
+use crate::Error;
+
+/// A bit for each cell of a grid, row-major over all cells, most significant bit first.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Plane {
+    rows: u32,
+    cols: u32,
+    bits: Vec<u8>,
+}
+
+impl Plane {
+    /// A plane with no cell set.
+    pub fn empty(rows: u32, cols: u32) -> Self {
+        let len = rows as usize * cols as usize;
+        Self {
+            rows,
+            cols,
+            bits: vec![0; len.div_ceil(8)],
+        }
+    }
+
+    /// The plane of packed bytes.
+    ///
+    /// # Errors
+    /// [`Error::Plane`] unless there are as many bytes as the cells need and the bits behind the
+    /// last cell are 0.
+    pub fn from_packed(rows: u32, cols: u32, bits: Vec<u8>) -> Result<Self, Error> {
+        let len = rows as usize * cols as usize;
+        if bits.len() != len.div_ceil(8) {
+            return Err(Error::Plane {
+                rows,
+                cols,
+                bytes: bits.len(),
+                wanted: len.div_ceil(8),
+            });
+        }
+        let spare_bits = bits.len() * 8 - len;
+        if bits
+            .last()
+            .is_some_and(|last| u32::from(*last) & ((1 << spare_bits) - 1) != 0)
+        {
+            return Err(Error::PlanePadding { rows, cols });
+        }
+        Ok(Self { rows, cols, bits })
+    }
+
+    /// The cells of an occupancy grid at or above `threshold`; unknown cells if `unknown` says so.
+    pub fn from_occupancy(occupancy: &Occupancy, threshold: i8, unknown: bool) -> Self {
+        let mut plane = Self::empty(occupancy.spec.rows, occupancy.spec.cols);
+        for (index, &value) in occupancy.cells.iter().enumerate() {
+            if value >= threshold || (value < 0 && unknown) {
+                plane.set_index(index);
+            }
+        }
+        plane
+    }
+
+    /// Number of rows.
+    pub const fn rows(&self) -> u32 {
+        self.rows
+    }
+
+    /// Number of columns.
+    pub const fn cols(&self) -> u32 {
+        self.cols
+    }
+
+    /// Number of cells.
+    pub const fn len(&self) -> usize {
+        self.rows as usize * self.cols as usize
+    }
+
+    /// Whether there are no cells.
+    pub const fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// The packed bytes.
+    pub fn packed(&self) -> &[u8] {
+        &self.bits
+    }
+
+    /// The packed bytes, given away.
+    pub fn into_packed(self) -> Vec<u8> {
+        self.bits
+    }
+
+    /// Whether the cell of a row-major index is set. Indices beyond the grid panic.
+    pub fn get_index(&self, index: usize) -> bool {
+        self.bits[index / 8] & (0x80 >> (index % 8)) != 0
+    }
+
+    /// Sets the cell of a row-major index. Indices beyond the grid panic.
+    pub fn set_index(&mut self, index: usize) {
+        self.bits[index / 8] |= 0x80 >> (index % 8);
+    }
+
+    /// Whether a cell is set; cells off the grid are not.
+    pub fn get(&self, cell: Cell) -> bool {
+        self.index_of(cell)
+            .is_some_and(|index| self.get_index(index))
+    }
+
+    /// Sets a cell; off the grid this does nothing.
+    pub fn set(&mut self, cell: Cell) {
+        if let Some(index) = self.index_of(cell) {
+            self.set_index(index);
+        }
+    }
+
+    /// Number of set cells.
+    pub fn count(&self) -> usize {
+        self.bits
+            .iter()
+            .map(|byte| byte.count_ones() as usize)
+            .sum()
+    }
+
+    /// Sets every cell whose centre lies within `radius_m` of the line through the poses; a single
+    /// pose is a disc. Poses are in the vehicle frame of `spec`, whose size must be the plane's.
+    pub fn draw_line(&mut self, spec: &GridSpec, poses: &[Pose2], radius_m: f64) {
+        if let [only] = poses {
+            self.draw_segment(spec, (only, only), radius_m);
+        }
+        for pair in poses.windows(2) {
+            self.draw_segment(spec, (&pair[0], &pair[1]), radius_m);
+        }
+    }
+
+    fn draw_segment(&mut self, spec: &GridSpec, (from, to): (&Pose2, &Pose2), radius_m: f64) {
+        if !(from.is_finite() && to.is_finite()) {
+            return;
+        }
+        let far = spec.cell_at(
+            from.x_m.max(to.x_m) + radius_m,
+            from.y_m.max(to.y_m) + radius_m,
+        );
+        let near = spec.cell_at(
+            from.x_m.min(to.x_m) - radius_m,
+            from.y_m.min(to.y_m) - radius_m,
+        );
+        let (along_x, along_y) = (to.x_m - from.x_m, to.y_m - from.y_m);
+        let length_squared = along_x * along_x + along_y * along_y;
+        let last = spec.cell_of_index(spec.len() - 1);
+        for row in far.row.max(0)..=near.row.min(last.row) {
+            for col in far.col.max(0)..=near.col.min(last.col) {
+                let (x_m, y_m) = spec.centre_of(Cell::new(row, col));
+                let (dx, dy) = (x_m - from.x_m, y_m - from.y_m);
+                let share = if length_squared > 0.0 {
+                    ((dx * along_x + dy * along_y) / length_squared).clamp(0.0, 1.0)
+                } else {
+                    0.0
+                };
+                let (off_x, off_y) = (dx - share * along_x, dy - share * along_y);
+                if off_x * off_x + off_y * off_y <= radius_m * radius_m {
+                    self.set(Cell::new(row, col));
+                }
+            }
+        }
+    }
+
+    #[expect(clippy::cast_sign_loss, reason = "negative numbers are excluded first")]
+    fn index_of(&self, cell: Cell) -> Option<usize> {
+        if cell.row < 0 || cell.col < 0 {
+            return None;
+        }
+        let (row, col) = (cell.row as u32, cell.col as u32);
+        (row < self.rows && col < self.cols)
+            .then(|| row as usize * self.cols as usize + col as usize)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    #[test]
+    fn packed_bits_are_row_major_and_most_significant_first() {
+        let mut plane = Plane::empty(2, 5);
+        plane.set(Cell::new(0, 0));
+        plane.set(Cell::new(1, 4));
+        assert_eq!(plane.packed(), [0b1000_0000, 0b0100_0000]);
+        assert_eq!(
+            Plane::from_packed(2, 5, plane.packed().to_vec()).unwrap(),
+            plane
+        );
+    }
+
+    #[test]
+    fn packed_bytes_of_the_wrong_size_or_with_stray_bits_are_refused() {
+        assert!(Plane::from_packed(2, 5, vec![0; 1]).is_err());
+        assert!(Plane::from_packed(2, 5, vec![0, 1]).is_err());
+        assert!(Plane::from_packed(4096, 4096, Vec::new()).is_err());
+    }
+
+    proptest! {
+        #[test]
+        fn a_drawn_line_holds_just_the_cells_within_its_radius(
+            x0 in -10.0..50.0f64, y0 in -15.0..15.0f64,
+            x1 in -10.0..50.0f64, y1 in -15.0..15.0f64, radius in 0.3..3.0f64,
+        ) {
+            let spec = GridSpec::default();
+            let line = [Pose2::new(x0, y0, 0.0), Pose2::new(x1, y1, 0.0)];
+            let mut plane = Plane::empty(spec.rows, spec.cols);
+            plane.draw_line(&spec, &line, radius);
+            for index in (0..spec.len()).step_by(97) {
+                let (x, y) = spec.centre_of(spec.cell_of_index(index));
+                let nearest = (0..=500)
+                    .map(|k| f64::from(k) / 500.0)
+                    .map(|t| libm::hypot(x - x0 - t * (x1 - x0), y - y0 - t * (y1 - y0)))
+                    .fold(f64::INFINITY, f64::min);
+                if (nearest - radius).abs() > 0.1 {
+                    prop_assert_eq!(plane.get_index(index), nearest <= radius);
+                }
+            }
+        }
+    }
+}

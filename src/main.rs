@@ -1,0 +1,3 @@
+//! The `swath` binary: argument parsing and wiring.
+
+fn main() {}
