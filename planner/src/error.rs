@@ -24,6 +24,48 @@ pub enum Error {
         /// Columns that were claimed.
         cols: u32,
     },
+    /// Cells are too small for the vehicle, or not positive.
+    #[error(
+        "a vehicle that reaches {vehicle_m:.2} m on cells of {resolution_m} m: expected at most 400 cells"
+    )]
+    Resolution {
+        /// Side of a cell.
+        resolution_m: f64,
+        /// How far the vehicle reaches from its origin.
+        vehicle_m: f64,
+    },
+    /// A plane's size is not the grid's.
+    #[error("{what}: {} x {} cells, expected {} x {}", got.0, got.1, wanted.0, wanted.1)]
+    Shape {
+        /// Which plane.
+        what: &'static str,
+        /// Rows and columns that it has.
+        got: (u32, u32),
+        /// Rows and columns that it should have.
+        wanted: (u32, u32),
+    },
+    /// The swept cells were computed for another resolution.
+    #[error("the grid has cells of {grid_m} m, but the motion model is for {model_m} m")]
+    ResolutionMismatch {
+        /// Side of the grid's cells.
+        grid_m: f64,
+        /// Side of the model's cells.
+        model_m: f64,
+    },
+    /// A region's weight is out of range.
+    #[error("a region's weight is {weight}, expected more than 0 and at most 1")]
+    RegionWeight {
+        /// The weight.
+        weight: f64,
+    },
+    /// There must be a region for each goal.
+    #[error("{regions} region(s) for {goals} goal(s), expected one each")]
+    RegionCount {
+        /// Regions given.
+        regions: usize,
+        /// Goals given.
+        goals: usize,
+    },
     /// Error of the bridge.
     #[error(transparent)]
     Bridge(#[from] swath_bridge::Error),

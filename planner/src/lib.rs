@@ -1,8 +1,22 @@
 //! What runs on the vehicle: collision maps, the lookup table, search, the network's forward pass
 //! and the planner node.
 
+mod action;
+mod collision;
 mod error;
+mod kernel;
+mod motion;
+mod plan;
 mod plane;
+pub mod search;
+mod targets;
+mod timing;
 
+pub use action::{ACTIONS, AHEAD, Action, ActionTable, DIRECTIONS, REACH_CELLS};
+pub use collision::CollisionMap;
 pub use error::Error;
+pub use motion::{MotionModel, Successors, max_curvature_per_m};
+pub use plan::{Method, PlanConfig, Planner, TargetPlan};
 pub use plane::Plane;
+pub use targets::{MAX_TARGETS, TargetConfig, sample_targets};
+pub use timing::{CpuTimer, millis};

@@ -1,0 +1,323 @@
+//! How the vehicle moves over cells: the lookup table with the cells that each motion sweeps, and
+//! which turns its speed allows.
+
+use std::f64::consts::{PI, TAU};
+
+use swath_bridge::Vehicle;
+
+use crate::Error;
+use crate::action::{Action, ActionTable, DIRECTIONS};
+use crate::kernel::Kernel;
+
+/// Costs are counted in units of 2⁻²⁰ (about a micrometre), so that sums are exact.
+pub(crate) const COST_UNITS: f64 = 1_048_576.0;
+
+/// TiEV's table: speed in km/h and the largest curvature in 1/m that it allows.
+const CURVATURE_BY_SPEED: [(f64, f64); 8] = [
+    (5.0, 0.2),
+    (10.0, 0.134_37),
+    (20.0, 0.039_39),
+    (30.0, 0.019_22),
+    (40.0, 0.011_55),
+    (50.0, 0.007_78),
+    (60.0, 0.005_6),
+    (70.0, 0.004_29),
+];
+
+/// The lookup table of one vehicle at one resolution, with the cells that each motion sweeps.
+///
+/// It is built once (some ten milliseconds) and shared by all maps.
+#[derive(Debug)]
+pub struct MotionModel {
+    pub(crate) table: ActionTable,
+    pub(crate) vehicle: Vehicle,
+    pub(crate) resolution_m: f64,
+    /// Cells of the footprint at rest, by direction.
+    pub(crate) poses: Vec<Kernel>,
+    /// Cells swept by each action, which is driven in its own direction.
+    pub(crate) chords: Vec<Kernel>,
+    /// Cells swept by turning on the spot from each direction to the next one counter-clockwise.
+    pub(crate) turns: Vec<Kernel>,
+}
+
+impl MotionModel {
+    /// Builds the model of a vehicle on cells of `resolution_m`.
+    ///
+    /// # Errors
+    /// [`Error::Bridge`] for dimensions that are no vehicle's, [`Error::Resolution`] when the
+    /// vehicle would span too many cells.
+    pub fn new(vehicle: &Vehicle, resolution_m: f64) -> Result<Self, Error> {
+        vehicle.validate()?;
+        let longest_m = vehicle.front_m.max(vehicle.rear_m) + vehicle.half_width_m;
+        if !(resolution_m > 0.0 && longest_m / resolution_m <= 400.0) {
+            return Err(Error::Resolution {
+                resolution_m,
+                vehicle_m: longest_m,
+            });
+        }
+        let table = ActionTable::new();
+        let chord = |action: &Action| {
+            let heading = table.angle_rad(action.direction);
+            Kernel::of_chord(
+                vehicle,
+                resolution_m,
+                heading,
+                action.length_cells * resolution_m,
+            )
+        };
+        let turn = |direction: u8| {
+            let from = table.angle_rad(direction);
+            let to = table.angle_rad(direction.wrapping_add(1));
+            Kernel::of_turn(vehicle, resolution_m, from, angle_between_rad(from, to))
+        };
+        let pose = |direction: u8| {
+            Kernel::of_chord(vehicle, resolution_m, table.angle_rad(direction), 0.0)
+        };
+        Ok(Self {
+            poses: (0..=u8::MAX).map(pose).collect(),
+            chords: table.actions().iter().map(chord).collect(),
+            turns: (0..=u8::MAX).map(turn).collect(),
+            vehicle: *vehicle,
+            resolution_m,
+            table,
+        })
+    }
+
+    /// The vehicle.
+    pub const fn vehicle(&self) -> &Vehicle {
+        &self.vehicle
+    }
+
+    /// Side of a cell, metres.
+    pub const fn resolution_m(&self) -> f64 {
+        self.resolution_m
+    }
+
+    /// The lookup table.
+    pub const fn table(&self) -> &ActionTable {
+        &self.table
+    }
+
+    /// The actions that may follow each direction at a speed.
+    pub fn successors(&self, speed_m_per_s: f64) -> Successors {
+        let curvature =
+            max_curvature_per_m(speed_m_per_s).min(1.0 / self.vehicle.min_turning_radius_m);
+        let mut all = Successors {
+            starts: Vec::with_capacity(DIRECTIONS + 1),
+            list: Vec::new(),
+        };
+        for heading in 0..=u8::MAX {
+            all.starts.push(all.list.len());
+            self.append_successors(heading, curvature, &mut all.list);
+        }
+        all.starts.push(all.list.len());
+        all
+    }
+
+    /// Appends what may follow a heading, for each side from the nearest direction outwards.
+    fn append_successors(&self, heading: u8, curvature_per_m: f64, list: &mut Vec<Successor>) {
+        let half_turn = u8::try_from(DIRECTIONS / 2).unwrap_or(u8::MAX);
+        for side in [Side::Left, Side::Right] {
+            // Straight on and straight back are counted to the left only.
+            let right = u8::from(side == Side::Right);
+            for steps in right..=half_turn - right {
+                let direction = side.turned(heading, steps);
+                for (index, action) in self.actions_of(direction) {
+                    let angle_rad = self.turn_rad(heading, direction).abs();
+                    if steps > 1
+                        && angle_rad > self.angle_limit_rad(heading, action, curvature_per_m)
+                    {
+                        continue;
+                    }
+                    list.push(Successor {
+                        action: index,
+                        direction,
+                        side,
+                        steps,
+                        d_row: action.d_row,
+                        d_col: action.d_col,
+                        cost: cost_units(action.length_cells * self.resolution_m + angle_rad),
+                    });
+                }
+            }
+        }
+    }
+
+    /// The paper's angle limit: curvature times the mean length of the two actions, radians.
+    ///
+    /// The action that led to a heading is not part of a state; its length is taken to be that of the
+    /// shortest action in this direction, so that no turn is tighter than the rule allows.
+    fn angle_limit_rad(&self, heading: u8, action: &Action, curvature_per_m: f64) -> f64 {
+        let mean_cells = 0.5 * (self.table.shortest_cells(heading) + action.length_cells);
+        curvature_per_m * mean_cells * self.resolution_m
+    }
+
+    /// The actions in a direction with their numbers, from short to long.
+    fn actions_of(&self, direction: u8) -> impl Iterator<Item = (u16, &Action)> {
+        let actions = self.table.actions();
+        let first = actions.partition_point(|action| action.direction < direction);
+        (first..)
+            .zip(&actions[first..])
+            .take_while(move |(_, action)| action.direction == direction)
+            .filter_map(|(index, action)| Some((u16::try_from(index).ok()?, action)))
+    }
+
+    /// The turn from one direction to another, radians in (−π, π].
+    pub(crate) fn turn_rad(&self, from: u8, to: u8) -> f64 {
+        let turn = angle_between_rad(self.table.angle_rad(from), self.table.angle_rad(to));
+        if turn > PI { turn - TAU } else { turn }
+    }
+}
+
+/// The largest curvature that a speed allows by TiEV's table, 1/m: interpolated, clamped outside.
+pub fn max_curvature_per_m(speed_m_per_s: f64) -> f64 {
+    let speed_km_per_h = speed_m_per_s.abs() * 3.6;
+    let [first, .., last] = CURVATURE_BY_SPEED;
+    if speed_km_per_h.is_nan() || speed_km_per_h >= last.0 {
+        return last.1;
+    }
+    CURVATURE_BY_SPEED
+        .windows(2)
+        .find(|pair| speed_km_per_h < pair[1].0)
+        .map_or(first.1, |pair| {
+            let share = (speed_km_per_h - pair[0].0) / (pair[1].0 - pair[0].0);
+            pair[0].1 + share.max(0.0) * (pair[1].1 - pair[0].1)
+        })
+}
+
+/// The counter-clockwise angle from one heading to another, radians in [0, 2π).
+fn angle_between_rad(from_rad: f64, to_rad: f64) -> f64 {
+    let angle = to_rad - from_rad;
+    if angle < 0.0 { angle + TAU } else { angle }
+}
+
+/// A cost in metres and radians as a count of units.
+#[expect(
+    clippy::cast_possible_truncation,
+    clippy::cast_sign_loss,
+    reason = "costs are positive, and a cast saturates"
+)]
+pub(crate) fn cost_units(cost: f64) -> u32 {
+    libm::round(cost * COST_UNITS) as u32
+}
+
+/// To which side a turn goes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Side {
+    Left,
+    Right,
+}
+
+impl Side {
+    /// The direction that lies `steps` directions to this side.
+    pub(crate) const fn turned(self, direction: u8, steps: u8) -> u8 {
+        match self {
+            Self::Left => direction.wrapping_add(steps),
+            Self::Right => direction.wrapping_sub(steps),
+        }
+    }
+
+    /// The elementary turn, named by the direction that it starts from counter-clockwise, which
+    /// follows `turned` turns out of a heading.
+    pub(crate) const fn passed(self, heading: u8, turned: u8) -> u8 {
+        match self {
+            Self::Left => heading.wrapping_add(turned),
+            Self::Right => heading.wrapping_sub(turned).wrapping_sub(1),
+        }
+    }
+}
+
+/// An action that may follow a heading.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Successor {
+    /// Number in the lookup table.
+    pub(crate) action: u16,
+    /// Its direction.
+    pub(crate) direction: u8,
+    /// Side to turn to first.
+    pub(crate) side: Side,
+    /// Directions to turn by.
+    pub(crate) steps: u8,
+    /// Rows to move.
+    pub(crate) d_row: i32,
+    /// Columns to move.
+    pub(crate) d_col: i32,
+    /// Turn and length, in units.
+    pub(crate) cost: u32,
+}
+
+/// The actions that may follow each direction at one speed.
+#[derive(Debug)]
+pub struct Successors {
+    starts: Vec<usize>,
+    list: Vec<Successor>,
+}
+
+impl Successors {
+    /// What may follow a heading: to the left and then to the right, each from the nearest direction
+    /// outwards.
+    pub(crate) fn of(&self, heading: u8) -> &[Successor] {
+        let index = usize::from(heading);
+        &self.list[self.starts[index]..self.starts[index + 1]]
+    }
+
+    /// Mean number of actions that may follow a direction.
+    pub fn mean(&self) -> f64 {
+        self.list.len() as f64 / DIRECTIONS as f64
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    #[test]
+    fn curvature_follows_tievs_table() {
+        for (speed_km_per_h, curvature) in CURVATURE_BY_SPEED {
+            assert!((max_curvature_per_m(speed_km_per_h / 3.6) - curvature).abs() < 1e-9);
+        }
+        assert_eq!(max_curvature_per_m(0.0), 0.2);
+        assert_eq!(max_curvature_per_m(99.0), 0.004_29);
+        assert_eq!(max_curvature_per_m(f64::NAN), 0.004_29);
+        let between = max_curvature_per_m(7.5 / 3.6);
+        assert!((between - f64::midpoint(0.2, 0.134_37)).abs() < 1e-9);
+    }
+
+    #[test]
+    fn the_next_direction_to_either_side_is_admitted_at_any_speed() {
+        let model = MotionModel::new(&Vehicle::default(), 0.2).unwrap();
+        for speed in [0.0, 1.4, 5.0, 30.0] {
+            let successors = model.successors(speed);
+            for heading in 0..=u8::MAX {
+                for neighbour in [heading, heading.wrapping_add(1), heading.wrapping_sub(1)] {
+                    assert!(
+                        successors
+                            .of(heading)
+                            .iter()
+                            .any(|s| s.direction == neighbour)
+                    );
+                }
+            }
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn no_turn_but_to_a_neighbour_exceeds_the_limit(heading: u8, speed in 0.0..12.0f64) {
+            let model = MotionModel::new(&Vehicle::default(), 0.2).unwrap();
+            let curvature = max_curvature_per_m(speed).min(1.0 / 5.5);
+            let successors = model.successors(speed);
+            let mut seen = Vec::new();
+            for successor in successors.of(heading) {
+                let action = &model.table.actions()[usize::from(successor.action)];
+                let turn = model.turn_rad(heading, action.direction).abs();
+                let limit = model.angle_limit_rad(heading, action, curvature);
+                prop_assert!(turn <= limit || successor.steps <= 1);
+                prop_assert_eq!(successor.side.turned(heading, successor.steps), action.direction);
+                prop_assert!(!seen.contains(&successor.action), "an action came twice");
+                seen.push(successor.action);
+            }
+        }
+    }
+}

@@ -1,0 +1,87 @@
+//! Which states count as having reached a goal, and how far it is to them.
+
+use std::f64::consts::PI;
+
+use swath_bridge::geometry::wrap_angle_rad;
+use swath_bridge::{Cell, Outcome, Pose2};
+
+use super::memory::State;
+use crate::action::AHEAD;
+use crate::collision::CollisionMap;
+
+/// A goal is reached within this distance, metres.
+pub const GOAL_TOLERANCE_M: f64 = 0.5;
+/// A goal is reached within this angle, radians (15°).
+pub const GOAL_TOLERANCE_RAD: f64 = 15.0 * PI / 180.0;
+
+/// The states that reach a goal.
+#[derive(Debug)]
+pub(super) struct Goal {
+    x_m: f64,
+    y_m: f64,
+    /// Row-major indices, ascending.
+    cells: Vec<usize>,
+    /// By direction.
+    directions: Vec<bool>,
+}
+
+impl Goal {
+    /// The goal at a pose, or the outcome that no search is needed for.
+    pub(super) fn new(map: &CollisionMap, pose: &Pose2) -> Result<Self, Outcome> {
+        let spec = map.spec();
+        let centre = spec.cell_at(pose.x_m, pose.y_m);
+        if !pose.is_finite() || spec.index_of(centre).is_none() {
+            return Err(Outcome::OutOfBounds);
+        }
+        if !map.state_is_free(spec.ego(), AHEAD) {
+            return Err(Outcome::StartOccupied);
+        }
+        let table = map.model().table();
+        let directions: Vec<bool> = (0..=u8::MAX)
+            .map(|direction| {
+                let turn = wrap_angle_rad(table.angle_rad(direction) - pose.yaw_rad);
+                turn.abs() <= GOAL_TOLERANCE_RAD
+            })
+            .collect();
+        let near = spec.cell_at(pose.x_m - GOAL_TOLERANCE_M, pose.y_m - GOAL_TOLERANCE_M);
+        let far = spec.cell_at(pose.x_m + GOAL_TOLERANCE_M, pose.y_m + GOAL_TOLERANCE_M);
+        let mut cells = Vec::new();
+        let mut is_free = false;
+        for row in far.row..=near.row {
+            for col in far.col..=near.col {
+                let cell = Cell::new(row, col);
+                let (x_m, y_m) = spec.centre_of(cell);
+                let distance_m = libm::hypot(x_m - pose.x_m, y_m - pose.y_m);
+                let Some(index) = spec
+                    .index_of(cell)
+                    .filter(|_| distance_m <= GOAL_TOLERANCE_M)
+                else {
+                    continue;
+                };
+                cells.push(index);
+                is_free |=
+                    (0..=u8::MAX).any(|d| directions[usize::from(d)] && map.state_is_free(cell, d));
+            }
+        }
+        if is_free {
+            Ok(Self {
+                x_m: pose.x_m,
+                y_m: pose.y_m,
+                cells,
+                directions,
+            })
+        } else {
+            Err(Outcome::GoalOccupied)
+        }
+    }
+
+    pub(super) fn accepts(&self, state: State) -> bool {
+        self.directions[usize::from(state.direction())]
+            && self.cells.binary_search(&state.cell()).is_ok()
+    }
+
+    /// Euclidean distance from a point to the nearest one that the tolerance accepts, metres.
+    pub(super) fn distance_left(&self, (x_m, y_m): (f64, f64)) -> f64 {
+        (libm::hypot(x_m - self.x_m, y_m - self.y_m) - GOAL_TOLERANCE_M).max(0.0)
+    }
+}

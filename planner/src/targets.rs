@@ -1,0 +1,196 @@
+//! Targets at equal distances along and across a reference path (Algorithm 2, `getTargets`).
+
+use serde::{Deserialize, Serialize};
+use swath_bridge::geometry::wrap_angle_rad;
+use swath_bridge::{GridSpec, Pose2};
+
+/// Most targets of one frame.
+pub const MAX_TARGETS: usize = 256;
+
+/// Where targets are placed.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct TargetConfig {
+    /// Number of targets, at most [`MAX_TARGETS`].
+    pub count: usize,
+    /// Distance of the nearest targets along the reference, metres.
+    pub nearest_m: f64,
+    /// Distance of the farthest targets along the reference, metres; they stay on the grid.
+    pub farthest_m: f64,
+    /// Distance between targets across the reference, metres.
+    pub across_m: f64,
+}
+
+impl Default for TargetConfig {
+    fn default() -> Self {
+        Self {
+            count: 50,
+            nearest_m: 8.0,
+            farthest_m: 55.0,
+            across_m: 1.75,
+        }
+    }
+}
+
+/// Samples targets along and across a reference path in the vehicle frame.
+///
+/// One column of targets for up to 2, three for up to 14, five for more; the farthest row comes first
+/// and in each row the middle. Targets have the reference's heading. Places off the grid are left out,
+/// so there may be fewer targets than asked for; without a reference there are none.
+pub fn sample_targets(reference: &[Pose2], spec: &GridSpec, config: &TargetConfig) -> Vec<Pose2> {
+    let count = config.count.min(MAX_TARGETS);
+    let line = Polyline::new(reference);
+    let columns = match count {
+        0 => return Vec::new(),
+        1..=2 => 1,
+        3..=14 => 3,
+        _ => 5,
+    };
+    let rows = count.div_ceil(columns);
+    let Some(farthest_m) = line.farthest_on(spec, config.farthest_m) else {
+        return Vec::new();
+    };
+    let nearest_m = config.nearest_m.min(farthest_m);
+    let mut targets = Vec::with_capacity(count);
+    for row in 0..rows {
+        let share = if rows == 1 {
+            0.0
+        } else {
+            row as f64 / (rows - 1) as f64
+        };
+        let Some(middle) = line.at(farthest_m + share * (nearest_m - farthest_m)) else {
+            continue;
+        };
+        for column in 0..columns {
+            // 0, 1, −1, 2, −2: the middle first, then alternating sides.
+            let side = if column % 2 == 0 { -1.0 } else { 1.0 };
+            let across_m = config.across_m * side * column.div_ceil(2) as f64;
+            let target = middle.then(&Pose2::new(0.0, across_m, 0.0));
+            if targets.len() < count
+                && spec
+                    .index_of(spec.cell_at(target.x_m, target.y_m))
+                    .is_some()
+            {
+                targets.push(target);
+            }
+        }
+    }
+    targets
+}
+
+/// A line through poses by arc length.
+struct Polyline<'a> {
+    poses: Vec<&'a Pose2>,
+    arc_m: Vec<f64>,
+}
+
+impl<'a> Polyline<'a> {
+    fn new(poses: &'a [Pose2]) -> Self {
+        let mut line = Self {
+            poses: Vec::new(),
+            arc_m: Vec::new(),
+        };
+        for pose in poses.iter().filter(|pose| pose.is_finite()) {
+            let step_m = line.poses.last().map_or(0.0, |last| pose.distance_m(last));
+            if line.poses.is_empty() || step_m > 1e-6 {
+                line.arc_m
+                    .push(line.arc_m.last().copied().unwrap_or(0.0) + step_m);
+                line.poses.push(pose);
+            }
+        }
+        line
+    }
+
+    /// The pose at an arc length, headed along the line; `None` beyond its ends.
+    fn at(&self, arc_m: f64) -> Option<Pose2> {
+        let next = self
+            .arc_m
+            .partition_point(|&at| at <= arc_m)
+            .min(self.arc_m.len() - 1);
+        let last = next.checked_sub(1)?;
+        let (from, to) = (self.poses[last], self.poses[next]);
+        let share = (arc_m - self.arc_m[last]) / (self.arc_m[next] - self.arc_m[last]);
+        (share <= 1.0 + 1e-9).then(|| {
+            let (dx, dy) = (to.x_m - from.x_m, to.y_m - from.y_m);
+            let yaw_rad = wrap_angle_rad(libm::atan2(dy, dx));
+            Pose2::new(from.x_m + share * dx, from.y_m + share * dy, yaw_rad)
+        })
+    }
+
+    /// The farthest arc length up to `most_m` whose point is on the grid.
+    fn farthest_on(&self, spec: &GridSpec, most_m: f64) -> Option<f64> {
+        let end_m = self.arc_m.last()?.min(most_m);
+        let step_m = spec.resolution_m;
+        let mut arc_m = end_m;
+        while arc_m > 0.0 {
+            let pose = self.at(arc_m)?;
+            if spec.index_of(spec.cell_at(pose.x_m, pose.y_m)).is_some() {
+                return Some(arc_m);
+            }
+            arc_m -= step_m;
+        }
+        None
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn straight(length_m: f64) -> Vec<Pose2> {
+        (0..=60)
+            .map(|k| Pose2::new(length_m * f64::from(k) / 60.0, 0.0, 0.0))
+            .collect()
+    }
+
+    #[test]
+    fn targets_lie_at_equal_distances_along_and_across_the_reference() {
+        let config = TargetConfig::default();
+        let targets = sample_targets(&straight(58.0), &GridSpec::default(), &config);
+        assert_eq!(targets.len(), 50);
+        assert!((targets[0].x_m - 55.0).abs() < 1e-6 && targets[0].y_m.abs() < 1e-9);
+        for row in targets.chunks(5) {
+            let across: Vec<f64> = row.iter().map(|target| target.y_m).collect();
+            for (got, wanted) in across.iter().zip([0.0, 1.75, -1.75, 3.5, -3.5]) {
+                assert!((got - wanted).abs() < 1e-9, "{across:?}");
+            }
+        }
+        let step_m = (55.0 - 8.0) / 9.0;
+        assert!((targets[0].x_m - targets[5].x_m - step_m).abs() < 1e-6);
+        assert!((targets[49].x_m - 8.0).abs() < 1e-6);
+    }
+
+    #[test]
+    fn every_count_of_the_papers_table_is_met() {
+        for count in [1, 3, 7, 10, 15, 20, 30, 40, 50] {
+            let config = TargetConfig {
+                count,
+                ..TargetConfig::default()
+            };
+            let targets = sample_targets(&straight(58.0), &GridSpec::default(), &config);
+            assert_eq!(targets.len(), count);
+        }
+    }
+
+    #[test]
+    fn short_odd_and_missing_references_give_what_they_can() {
+        let spec = GridSpec::default();
+        let config = TargetConfig::default();
+        assert!(sample_targets(&[], &spec, &config).is_empty());
+        assert!(sample_targets(&[Pose2::default()], &spec, &config).is_empty());
+        let repeated = [
+            Pose2::default(),
+            Pose2::default(),
+            Pose2::new(f64::NAN, 0.0, 0.0),
+        ];
+        assert!(sample_targets(&repeated, &spec, &config).is_empty());
+        let short = sample_targets(&straight(5.0), &spec, &config);
+        assert!(short.iter().all(|target| target.x_m <= 5.0 + 1e-9) && !short.is_empty());
+        let leaving = sample_targets(&straight(200.0), &spec, &config);
+        assert!(
+            leaving
+                .iter()
+                .all(|t| spec.index_of(spec.cell_at(t.x_m, t.y_m)).is_some())
+        );
+    }
+}
