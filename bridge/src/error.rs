@@ -34,6 +34,26 @@ pub enum Error {
         /// What is wrong, and where.
         source: CdrError,
     },
+    /// A message could not be encoded.
+    #[error("{topic}: {type_name} cannot be encoded: {source}")]
+    Encode {
+        /// Key expression or topic it was for.
+        topic: String,
+        /// Its type.
+        type_name: &'static str,
+        /// What is wrong with it.
+        source: CdrError,
+    },
+    /// A recording is damaged, not one, or has something else in it than expected.
+    #[error("{}: at byte {offset}: {what}", path.display())]
+    BadRecording {
+        /// Path as it was given.
+        path: PathBuf,
+        /// Where.
+        offset: u64,
+        /// What was found there, and what was expected.
+        what: String,
+    },
     /// A file could not be opened, read or written.
     #[error("{}: {source}", path.display())]
     Io {

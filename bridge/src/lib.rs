@@ -11,6 +11,7 @@ pub mod keys;
 pub mod msg;
 mod occupancy;
 mod outcome;
+pub mod recording;
 mod vehicle;
 
 pub use error::Error;

@@ -1,0 +1,280 @@
+//! Writing recordings.
+
+use std::collections::BTreeMap;
+use std::fs::File;
+use std::io::BufWriter;
+use std::path::{Path, PathBuf};
+
+use mcap::records::MessageHeader;
+use mcap::{Compression, McapError, WriteOptions};
+
+use super::channel::Channel;
+use crate::Error;
+use crate::cdr;
+use crate::keys::{Topic, topic_of_key};
+use crate::msg::Message;
+
+/// Log time after which what is buffered goes to the file.
+const MOST_UNWRITTEN_NANOS: u64 = 1_000_000_000;
+/// Size at which a chunk is closed, before compression.
+const CHUNK_BYTES: u64 = 1024 * 1024;
+
+/// A recording that is being written.
+///
+/// What is in it depends on the messages alone, never on the clock: the same messages give the same
+/// bytes. A chunk goes to the file when it is full or spans a second of log time; a recorder of
+/// something live also calls [`flush`](Self::flush) every second. So that a program which is killed
+/// loses no more than that, no record is patched after it was written.
+pub struct Writer {
+    path: PathBuf,
+    out: mcap::Writer<BufWriter<File>>,
+    channels: BTreeMap<String, OpenChannel>,
+    first_unwritten_nanos: Option<u64>,
+    messages: u64,
+}
+
+#[derive(Debug)]
+struct OpenChannel {
+    id: u16,
+    type_name: String,
+    next_sequence: u32,
+}
+
+impl std::fmt::Debug for Writer {
+    fn fmt(&self, formatter: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        formatter
+            .debug_struct("Writer")
+            .field("path", &self.path)
+            .field("messages", &self.messages)
+            .finish_non_exhaustive()
+    }
+}
+
+impl Writer {
+    /// Creates the file, or empties it.
+    ///
+    /// # Errors
+    /// [`Error::Io`] if it cannot be written.
+    pub fn create(path: impl AsRef<Path>) -> Result<Self, Error> {
+        let path = path.as_ref().to_owned();
+        let io = |source| Error::Io {
+            path: path.clone(),
+            source,
+        };
+        let file = File::create(&path).map_err(io)?;
+        let out = WriteOptions::new()
+            .profile("ros2")
+            .library(concat!("swath ", env!("CARGO_PKG_VERSION")))
+            .compression(Some(Compression::Zstd))
+            // Threads of the compressor would make the bytes depend on the machine.
+            .compression_threads(0)
+            .chunk_size(Some(CHUNK_BYTES))
+            // Chunks are put together in memory and written in one piece.
+            .disable_seeking(true)
+            .create(BufWriter::new(file))
+            .map_err(|error| write_error(&path, error))?;
+        Ok(Self {
+            path,
+            out,
+            channels: BTreeMap::new(),
+            first_unwritten_nanos: None,
+            messages: 0,
+        })
+    }
+
+    /// Writes a message on a topic of swath.
+    ///
+    /// # Errors
+    /// [`Error::Encode`] if the message has no form in CDR, else as [`write_raw`](Self::write_raw).
+    pub fn write<M: Message>(
+        &mut self,
+        topic: &Topic<M>,
+        message: &M,
+        log_nanos: u64,
+        publish_nanos: u64,
+    ) -> Result<(), Error> {
+        self.write_as(
+            &topic_of_key(topic.key()),
+            message,
+            log_nanos,
+            publish_nanos,
+        )
+    }
+
+    /// Writes a message on any topic (`/tf_static`, `/odom`).
+    ///
+    /// # Errors
+    /// [`Error::Encode`] if the message has no form in CDR, else as [`write_raw`](Self::write_raw).
+    pub fn write_as<M: Message>(
+        &mut self,
+        topic: &str,
+        message: &M,
+        log_nanos: u64,
+        publish_nanos: u64,
+    ) -> Result<(), Error> {
+        let payload = cdr::to_vec(message).map_err(|source| Error::Encode {
+            topic: topic.to_owned(),
+            type_name: M::TYPE_NAME,
+            source,
+        })?;
+        let stamps = Stamps {
+            log_nanos,
+            publish_nanos,
+        };
+        self.write_raw(topic, M::TYPE_NAME, &payload, stamps)
+    }
+
+    /// Writes a message that is encoded already.
+    ///
+    /// # Errors
+    /// [`Error::Io`] if the file cannot be written, [`Error::BadFile`] if the topic was written with
+    /// another type before.
+    pub fn write_raw(
+        &mut self,
+        topic: &str,
+        type_name: &str,
+        payload: &[u8],
+        stamps: Stamps,
+    ) -> Result<(), Error> {
+        match self.channels.get(topic) {
+            None => self.add_channel(&Channel::cdr(topic, type_name))?,
+            Some(open) if open.type_name != type_name => {
+                return Err(Error::BadFile {
+                    path: self.path.clone(),
+                    what: format!(
+                        "{topic} has messages of {}, a {type_name} cannot be added",
+                        open.type_name
+                    ),
+                });
+            }
+            Some(_) => {}
+        }
+        self.append(topic, payload, stamps)
+    }
+
+    /// Writes a message with all that another recording says about its topic.
+    ///
+    /// The first description of a topic counts.
+    ///
+    /// # Errors
+    /// [`Error::Io`] if the file cannot be written.
+    pub fn copy(&mut self, channel: &Channel, payload: &[u8], stamps: Stamps) -> Result<(), Error> {
+        if !self.channels.contains_key(&*channel.topic) {
+            self.add_channel(channel)?;
+        }
+        self.append(&channel.topic, payload, stamps)
+    }
+
+    /// Makes everything written so far safe from the end of this process.
+    ///
+    /// # Errors
+    /// [`Error::Io`] if the file cannot be written.
+    pub fn flush(&mut self) -> Result<(), Error> {
+        if self.first_unwritten_nanos.take().is_some() {
+            self.out
+                .flush()
+                .map_err(|error| write_error(&self.path, error))?;
+        }
+        Ok(())
+    }
+
+    /// Messages written.
+    pub const fn messages(&self) -> u64 {
+        self.messages
+    }
+
+    /// Ends the recording with its index and hands it to the disk.
+    ///
+    /// # Errors
+    /// [`Error::Io`] if the file cannot be written.
+    pub fn finish(mut self) -> Result<(), Error> {
+        self.out
+            .finish()
+            .map_err(|error| write_error(&self.path, error))?;
+        let buffer = self.out.into_inner();
+        let io = |source| Error::Io {
+            path: self.path.clone(),
+            source,
+        };
+        let file = buffer
+            .into_inner()
+            .map_err(|error| io(error.into_error()))?;
+        file.sync_all().map_err(io)
+    }
+
+    fn add_channel(&mut self, channel: &Channel) -> Result<(), Error> {
+        let path = &self.path;
+        let bad = |error| write_error(path, error);
+        let schema_id = if channel.type_name.is_empty() && channel.schema.is_empty() {
+            0
+        } else {
+            self.out
+                .add_schema(
+                    &channel.type_name,
+                    &channel.schema_encoding,
+                    &channel.schema,
+                )
+                .map_err(bad)?
+        };
+        let id = self
+            .out
+            .add_channel(
+                schema_id,
+                &channel.topic,
+                &channel.encoding,
+                &channel.metadata,
+            )
+            .map_err(bad)?;
+        let open = OpenChannel {
+            id,
+            type_name: channel.type_name.to_string(),
+            next_sequence: 0,
+        };
+        self.channels.insert(channel.topic.to_string(), open);
+        Ok(())
+    }
+
+    fn append(&mut self, topic: &str, payload: &[u8], stamps: Stamps) -> Result<(), Error> {
+        let Some(channel) = self.channels.get_mut(topic) else {
+            return Ok(());
+        };
+        let header = MessageHeader {
+            channel_id: channel.id,
+            sequence: channel.next_sequence,
+            log_time: stamps.log_nanos,
+            publish_time: stamps.publish_nanos,
+        };
+        channel.next_sequence = channel.next_sequence.wrapping_add(1);
+        self.out
+            .write_to_known_channel(&header, payload)
+            .map_err(|error| write_error(&self.path, error))?;
+        self.messages += 1;
+        let first_nanos = *self.first_unwritten_nanos.get_or_insert(stamps.log_nanos);
+        if stamps.log_nanos.abs_diff(first_nanos) >= MOST_UNWRITTEN_NANOS {
+            self.flush()?;
+        }
+        Ok(())
+    }
+}
+
+/// When a message was recorded and sent, in nanoseconds since the Unix epoch.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Stamps {
+    /// By the recorder's clock.
+    pub log_nanos: u64,
+    /// By the sender's clock.
+    pub publish_nanos: u64,
+}
+
+fn write_error(path: &Path, error: McapError) -> Error {
+    match error {
+        McapError::Io(source) => Error::Io {
+            path: path.to_owned(),
+            source,
+        },
+        other => Error::BadFile {
+            path: path.to_owned(),
+            what: format!("cannot be written: {other}"),
+        },
+    }
+}
