@@ -1,4 +1,9 @@
-//! Occupancy by cell, and its forms outside: `nav_msgs/OccupancyGrid` and PGM maps.
+//! Occupancy by cell, and its form outside: `nav_msgs/OccupancyGrid`.
+
+mod message;
+mod resample;
+
+pub(crate) use resample::Source;
 
 use crate::geometry::{Cell, GridSpec};
 
@@ -8,6 +13,8 @@ pub const FREE: i8 = 0;
 pub const OCCUPIED: i8 = 100;
 /// A cell that nothing is known of.
 pub const UNKNOWN: i8 = -1;
+/// Least percentage that counts as occupied unless a configuration says otherwise.
+pub const OCCUPIED_THRESHOLD: i8 = 50;
 
 /// What is known of each cell of a grid in the vehicle frame.
 #[derive(Debug, Clone, PartialEq)]
