@@ -34,6 +34,14 @@ pub enum Error {
         /// What is wrong, and where.
         source: CdrError,
     },
+    /// A message decodes, but what it says cannot be.
+    #[error("not a usable {type_name}: {what}")]
+    InvalidMessage {
+        /// Type of the message.
+        type_name: &'static str,
+        /// What was found in which field, and what was expected.
+        what: String,
+    },
     /// A message could not be encoded.
     #[error("{topic}: {type_name} cannot be encoded: {source}")]
     Encode {

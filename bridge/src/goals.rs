@@ -56,11 +56,11 @@ pub fn parse_poses(text: &str, path: &Path) -> Result<Vec<Pose2>, Error> {
 
 /// The text of a file that holds these poses.
 pub fn format_poses(poses: &[Pose2]) -> String {
-    let mut text = String::from("# x y yaw: metres and radians, vehicle frame\n");
-    for pose in poses {
-        text.push_str(&format!("{} {} {}\n", pose.x_m, pose.y_m, pose.yaw_rad));
-    }
-    text
+    let header = "# x y yaw: metres and radians, vehicle frame\n".to_owned();
+    let lines = poses
+        .iter()
+        .map(|pose| format!("{} {} {}\n", pose.x_m, pose.y_m, pose.yaw_rad));
+    std::iter::once(header).chain(lines).collect()
 }
 
 fn pose_of(content: &str) -> Option<Pose2> {

@@ -15,7 +15,7 @@ pub use yaml::{MapYaml, Mode};
 
 use crate::Error;
 use crate::geometry::GridSpec;
-use crate::occupancy::{FREE, OCCUPIED, OCCUPIED_THRESHOLD, Occupancy, Source, UNKNOWN};
+use crate::occupancy::{OCCUPIED_THRESHOLD, Occupancy, Source, UNKNOWN};
 
 /// Grey value of an unknown cell in the maps that ROS writes.
 const UNKNOWN_GREY: u8 = 205;
@@ -189,6 +189,7 @@ fn write(path: &Path, bytes: &[u8]) -> Result<(), Error> {
 mod tests {
     use super::*;
     use crate::geometry::Cell;
+    use crate::occupancy::{FREE, OCCUPIED};
 
     fn sketch() -> Occupancy {
         let spec = GridSpec {
