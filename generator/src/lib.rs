@@ -1,1 +1,29 @@
-//! stub
+//! Samples to learn from: scenes, the simulated lidar that sees them, augmentation, labels, and the
+//! node that publishes them.
+//!
+//! Everything is made from a seed and an index, with no clock and no other state.
+
+mod augment;
+pub mod config;
+mod course;
+mod dataset;
+mod dice;
+pub mod drive;
+mod error;
+pub mod lidar;
+mod logs;
+mod sample;
+pub mod scene;
+pub mod shape;
+mod stream;
+mod targets;
+
+pub use config::{GeneratorConfig, Span};
+pub use course::Course;
+pub use dataset::{Written, write_dataset};
+pub use drive::Drive;
+pub use error::Error;
+pub use logs::LogScenes;
+pub use sample::{Generator, SAMPLES_PER_TARGET, Scenes, generate_sample};
+pub use scene::{Scene, SceneKind};
+pub use stream::{Run, SampleStream};

@@ -1,0 +1,140 @@
+//! Scenes from drive logs: the grids and reference paths of their frames.
+
+use std::f64::consts::FRAC_PI_2;
+use std::sync::Arc;
+
+use swath_bridge::{Frame, Pose2};
+
+use crate::Error;
+use crate::config::Span;
+use crate::course::Course;
+use crate::dice::{Dice, Purpose};
+use crate::scene::Scene;
+
+/// Most frames that are kept of all logs together.
+const MAX_FRAMES: usize = 4000;
+/// Shortest reference that targets can be placed along, metres.
+const SHORTEST_REFERENCE_M: f64 = 12.0;
+/// Distance driven between two frames of a log that are kept, metres.
+const SPACING_M: f64 = 2.0;
+/// Least value of an occupied cell.
+const OCCUPIED_FROM: i8 = 50;
+
+/// Frames of logs as scenes.
+#[derive(Debug, Default)]
+pub struct LogScenes {
+    scenes: Vec<Scene>,
+}
+
+impl LogScenes {
+    /// No frames yet.
+    pub fn new() -> Self {
+        Self::default()
+    }
+
+    /// Number of frames that are kept.
+    pub const fn len(&self) -> usize {
+        self.scenes.len()
+    }
+
+    /// Whether there are no frames.
+    pub const fn is_empty(&self) -> bool {
+        self.scenes.is_empty()
+    }
+
+    /// Adds the frames of one log under its name: those that lie apart and have a reference that is
+    /// long enough. Gives how many were kept.
+    ///
+    /// # Errors
+    /// The first error of the frames.
+    pub fn add<E: Into<Error>>(
+        &mut self,
+        name: &str,
+        frames: impl IntoIterator<Item = Result<Frame, E>>,
+    ) -> Result<usize, Error> {
+        let before = self.scenes.len();
+        let mut last: Option<Pose2> = None;
+        for frame in frames {
+            let frame = frame.map_err(Into::into)?;
+            if self.scenes.len() >= MAX_FRAMES {
+                break;
+            }
+            let pose = frame.odom_from_vehicle;
+            let is_apart = last.is_none_or(|last| {
+                let turned = swath_bridge::geometry::wrap_angle_rad(pose.yaw_rad - last.yaw_rad);
+                pose.distance_m(&last) >= SPACING_M || turned.abs() > 0.25 * FRAC_PI_2
+            });
+            if !is_apart {
+                continue;
+            }
+            if let Some(scene) = scene_of(name, &frame) {
+                self.scenes.push(scene);
+                last = Some(pose);
+            }
+        }
+        Ok(self.scenes.len() - before)
+    }
+
+    /// Checks that there are frames.
+    pub(crate) const fn check(&self) -> Result<(), Error> {
+        if self.scenes.is_empty() {
+            return Err(Error::NoFrames {
+                shortest_m: SHORTEST_REFERENCE_M,
+            });
+        }
+        Ok(())
+    }
+
+    /// The scene of an index: frames as the seed draws them.
+    pub(crate) fn scene(&self, seed: u64, index: u64) -> Scene {
+        let pick = Dice::new(seed, Purpose::Scene, index, 1).below(self.scenes.len());
+        self.scenes.get(pick).cloned().unwrap_or_else(empty)
+    }
+}
+
+/// Open ground, for when there are no frames at all.
+fn empty() -> Scene {
+    Scene {
+        name: "empty".to_owned(),
+        known: Arc::from([]),
+        solids: Vec::new(),
+        movers: Vec::new(),
+        reference: Course::through(&[[0.0, 0.0], [60.0, 0.0]]),
+        lanes_m: vec![0.0],
+        band_m: Span(-7.0, 7.0),
+        ego_from_reference: Pose2::default(),
+        speed_m_per_s: 0.0,
+    }
+}
+
+/// A log's frame as a scene, if its reference is long enough.
+fn scene_of(name: &str, frame: &Frame) -> Option<Scene> {
+    let spec = &frame.occupancy.spec;
+    let reference: Vec<Pose2> = frame
+        .reference
+        .iter()
+        .filter(|pose| pose.is_finite())
+        .copied()
+        .collect();
+    let course = Course::through_poses(&reference);
+    let (begin_m, end_m) = course.span_m();
+    if end_m - begin_m < SHORTEST_REFERENCE_M {
+        return None;
+    }
+    let known: Vec<[f64; 2]> = (0..frame.occupancy.cells.len())
+        .filter(|&index| frame.occupancy.cells[index] >= OCCUPIED_FROM)
+        .map(|index| spec.centre_of(spec.cell_of_index(index)))
+        .map(|(x_m, y_m)| [x_m, y_m])
+        .collect();
+    Some(Scene {
+        name: name.to_owned(),
+        known: known.into(),
+        ego_from_reference: course.at(0.0).inverse(),
+        reference: course,
+        lanes_m: vec![0.0, 3.2, -3.2],
+        // The vehicle stands still as far as the lidar is concerned: the log's own sweeps are in
+        // its map already. Its speed is one that the search can turn at.
+        speed_m_per_s: 1.4,
+        ..empty()
+    })
+}
