@@ -66,6 +66,12 @@ pub enum Error {
         /// Goals given.
         goals: usize,
     },
+    /// A weights file is not one that this network can use.
+    #[error("weights: {what}")]
+    Weights {
+        /// What was found and what was expected.
+        what: String,
+    },
     /// Error of the bridge.
     #[error(transparent)]
     Bridge(#[from] swath_bridge::Error),

@@ -6,6 +6,7 @@ mod collision;
 mod error;
 mod kernel;
 mod motion;
+pub mod network;
 mod plan;
 mod plane;
 pub mod search;

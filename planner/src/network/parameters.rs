@@ -1,0 +1,216 @@
+//! The parameters of a network as two flat vectors, and as named tensors in a safetensors file.
+
+use std::collections::BTreeMap;
+
+use rand_chacha::ChaCha8Rng;
+use rand_chacha::rand_core::{Rng, SeedableRng};
+use safetensors::tensor::{Dtype, SafeTensors};
+
+use super::graph::{Graph, Kind, SIDE_MULTIPLE, TensorSpec};
+use crate::Error;
+
+/// Most bytes that a weights file may have; ENet's has 1.5 million.
+pub const MAX_WEIGHTS_BYTES: usize = 64 << 20;
+
+/// Slope of every `PReLU` at the beginning.
+const INITIAL_SLOPE: f32 = 0.25;
+/// Largest number of characters of an error's evidence that is taken from a file.
+const MAX_EVIDENCE: usize = 120;
+
+/// Values of every named tensor: the trained ones and the running statistics.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Parameters {
+    values: Vec<f32>,
+    running: Vec<f32>,
+}
+
+impl Parameters {
+    /// Parameters as training begins with, the same for the same seed.
+    ///
+    /// Kernels are drawn from a normal distribution of variance 2 / fan-in (K. He et al., 2015), the
+    /// last one of every bottleneck not excepted.
+    pub fn initial(seed: u64) -> Self {
+        let graph = layout();
+        let mut values = vec![0.0; graph.trained_len];
+        let mut running = vec![0.0; graph.running_len];
+        let mut random = ChaCha8Rng::seed_from_u64(seed);
+        for tensor in &graph.tensors {
+            let range = tensor.start..tensor.start + tensor.len();
+            match tensor.kind {
+                Kind::Kernel { fan_in } => {
+                    let deviation = libm::sqrt(2.0 / fan_in as f64);
+                    for value in &mut values[range] {
+                        *value = narrow(deviation * standard_normal(&mut random));
+                    }
+                }
+                Kind::Scale => values[range].fill(1.0),
+                Kind::Shift => values[range].fill(0.0),
+                Kind::Slope => values[range].fill(INITIAL_SLOPE),
+                Kind::RunningMean => running[range].fill(0.0),
+                Kind::RunningVariance => running[range].fill(1.0),
+            }
+        }
+        Self { values, running }
+    }
+
+    /// The trained values, in the order of the network.
+    pub fn values(&self) -> &[f32] {
+        &self.values
+    }
+
+    /// The trained values, to be changed.
+    pub fn values_mut(&mut self) -> &mut [f32] {
+        &mut self.values
+    }
+
+    /// Running means and variances.
+    pub fn running(&self) -> &[f32] {
+        &self.running
+    }
+
+    /// Running means and variances, to be changed.
+    pub fn running_mut(&mut self) -> &mut [f32] {
+        &mut self.running
+    }
+
+    /// Each named tensor: name, shape, values.
+    pub fn tensors(&self) -> Vec<(String, Vec<usize>, &[f32])> {
+        let graph = layout();
+        let named = |tensor: TensorSpec| {
+            let values = &self.flat(tensor.kind)[tensor.start..tensor.start + tensor.len()];
+            (tensor.name, tensor.shape, values)
+        };
+        graph.tensors.into_iter().map(named).collect()
+    }
+
+    /// For each trained value whether weight decay applies to it: kernels only, as usual for networks
+    /// with normalisation.
+    pub fn is_kernel(&self) -> Vec<bool> {
+        let graph = layout();
+        let mut kernel = vec![false; graph.trained_len];
+        for tensor in &graph.tensors {
+            if matches!(tensor.kind, Kind::Kernel { .. }) {
+                kernel[tensor.start..tensor.start + tensor.len()].fill(true);
+            }
+        }
+        kernel
+    }
+
+    /// A safetensors file with `metadata`: the same bytes for the same parameters, which the crate of
+    /// that name does not promise.
+    pub fn to_safetensors(&self, metadata: &BTreeMap<String, String>) -> Vec<u8> {
+        let mut header = serde_json::Map::new();
+        header.insert("__metadata__".to_owned(), serde_json::json!(metadata));
+        let mut data = Vec::new();
+        for (name, shape, values) in self.tensors() {
+            let start = data.len();
+            data.extend(values.iter().flat_map(|value| value.to_le_bytes()));
+            let offsets = [start, data.len()];
+            let entry =
+                serde_json::json!({"dtype": "F32", "shape": shape, "data_offsets": offsets});
+            header.insert(name, entry);
+        }
+        let mut header = serde_json::Value::Object(header).to_string().into_bytes();
+        header.resize(header.len().next_multiple_of(8), b' ');
+        let mut bytes = (header.len() as u64).to_le_bytes().to_vec();
+        bytes.append(&mut header);
+        bytes.append(&mut data);
+        bytes
+    }
+
+    /// The parameters in a safetensors file, and its metadata. Tensors of other names are refused.
+    ///
+    /// # Errors
+    /// [`Error::Weights`] names what was expected and what was found.
+    pub fn from_safetensors(bytes: &[u8]) -> Result<(Self, BTreeMap<String, String>), Error> {
+        let wrong = |what: String| Error::Weights { what };
+        if bytes.len() > MAX_WEIGHTS_BYTES {
+            return Err(wrong(format!(
+                "{} bytes, expected at most {MAX_WEIGHTS_BYTES}",
+                bytes.len()
+            )));
+        }
+        let (_, header) = SafeTensors::read_metadata(bytes)
+            .map_err(|error| wrong(format!("not a safetensors file: {}", evidence(&error))))?;
+        let file = SafeTensors::deserialize(bytes)
+            .map_err(|error| wrong(format!("not a safetensors file: {}", evidence(&error))))?;
+        let graph = layout();
+        if file.len() != graph.tensors.len() {
+            let (found, expected) = (file.len(), graph.tensors.len());
+            return Err(wrong(format!("{found} tensors, expected {expected}")));
+        }
+        let mut parameters = Self {
+            values: vec![0.0; graph.trained_len],
+            running: vec![0.0; graph.running_len],
+        };
+        for tensor in &graph.tensors {
+            let name = &tensor.name;
+            let view = file
+                .tensor(name)
+                .map_err(|_missing| wrong(format!("there is no tensor {name}")))?;
+            if view.dtype() != Dtype::F32 || view.shape() != tensor.shape {
+                return Err(wrong(format!(
+                    "tensor {name} is {:?} {:?}, expected F32 {:?}",
+                    view.dtype(),
+                    view.shape(),
+                    tensor.shape
+                )));
+            }
+            let to = &mut parameters.flat_mut(tensor.kind)[tensor.start..][..tensor.len()];
+            for (index, (to, raw)) in to.iter_mut().zip(view.data().chunks_exact(4)).enumerate() {
+                let value = f32::from_le_bytes([raw[0], raw[1], raw[2], raw[3]]);
+                let negative = tensor.kind == Kind::RunningVariance && value < 0.0;
+                if !value.is_finite() || negative {
+                    let sort = if negative { "at least 0" } else { "finite" };
+                    return Err(wrong(format!(
+                        "tensor {name} holds {value} at {index}, expected {sort}"
+                    )));
+                }
+                *to = value;
+            }
+        }
+        let metadata = header.metadata().clone().unwrap_or_default();
+        Ok((parameters, metadata.into_iter().collect()))
+    }
+
+    fn flat(&self, kind: Kind) -> &[f32] {
+        if kind.is_trained() {
+            &self.values
+        } else {
+            &self.running
+        }
+    }
+
+    fn flat_mut(&mut self, kind: Kind) -> &mut [f32] {
+        if kind.is_trained() {
+            &mut self.values
+        } else {
+            &mut self.running
+        }
+    }
+}
+
+/// The names and shapes, which do not depend on the size of the input.
+fn layout() -> Graph {
+    Graph::enet(SIDE_MULTIPLE, SIDE_MULTIPLE)
+}
+
+fn evidence(error: &dyn std::fmt::Display) -> String {
+    error.to_string().chars().take(MAX_EVIDENCE).collect()
+}
+
+/// By G. Box and M. Muller; the cosine of the pair is enough.
+fn standard_normal(random: &mut ChaCha8Rng) -> f64 {
+    const UNIT: f64 = 1.0 / (1_u64 << 53) as f64;
+    let radius = 1.0 - (random.next_u64() >> 11) as f64 * UNIT;
+    let turn = (random.next_u64() >> 11) as f64 * UNIT;
+    libm::sqrt(-2.0 * libm::log(radius)) * libm::cos(std::f64::consts::TAU * turn)
+}
+
+#[expect(
+    clippy::cast_possible_truncation,
+    reason = "parameters are of single precision"
+)]
+fn narrow(value: f64) -> f32 {
+    value as f32
+}

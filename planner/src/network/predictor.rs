@@ -1,0 +1,386 @@
+//! A loaded network: weights, what they were trained for, and predictions for many targets at once.
+
+use std::collections::BTreeMap;
+use std::sync::{Mutex, PoisonError};
+
+use rayon::prelude::*;
+use swath_bridge::{GridSpec, Vehicle};
+
+use super::engine::{Inference, Isa, Workspace};
+use super::input::{Encoding, InputSize};
+use super::parameters::Parameters;
+use crate::{Error, Plane};
+
+/// Name of the paper's architecture in files and messages.
+pub const ARCHITECTURE: &str = "enet";
+/// Most cells along a side of a network's grid.
+const MAX_SIDE_CELLS: u32 = 1024;
+
+/// What a network was trained for. It travels in the metadata of the weights file.
+#[derive(Debug, Clone, PartialEq)]
+pub struct NetworkInfo {
+    /// Rows of the grid.
+    pub rows: u32,
+    /// Columns of the grid.
+    pub cols: u32,
+    /// Side of a cell, metres.
+    pub resolution_m: f64,
+    /// At what resolution the network sees the grid.
+    pub size: InputSize,
+    /// Digest of the vehicle's dimensions, see [`Vehicle::digest`].
+    pub vehicle: String,
+    /// Distance from the path to the edge of the region that was learnt, metres.
+    pub label_dilation_m: f64,
+    /// Distance from the reference to the edge of its plane, metres.
+    pub reference_dilation_m: f64,
+    /// Radius of the disc around the target, metres.
+    pub target_dilation_m: f64,
+}
+
+impl Default for NetworkInfo {
+    fn default() -> Self {
+        let spec = GridSpec::default();
+        Self {
+            rows: spec.rows,
+            cols: spec.cols,
+            resolution_m: spec.resolution_m,
+            size: InputSize::default(),
+            vehicle: Vehicle::default().digest(),
+            label_dilation_m: 1.4,
+            reference_dilation_m: 1.0,
+            target_dilation_m: 1.0,
+        }
+    }
+}
+
+impl NetworkInfo {
+    /// How grids enter and leave the network.
+    pub const fn encoding(&self) -> Encoding {
+        Encoding::new(self.rows, self.cols, self.size)
+    }
+
+    /// The metadata of a weights file.
+    pub fn metadata(&self) -> BTreeMap<String, String> {
+        let number = |value: f64| value.to_string();
+        [
+            ("architecture", ARCHITECTURE.to_owned()),
+            ("size", self.size.name().to_owned()),
+            ("rows", self.rows.to_string()),
+            ("cols", self.cols.to_string()),
+            ("resolution_m", number(self.resolution_m)),
+            ("vehicle", self.vehicle.clone()),
+            ("label_dilation_m", number(self.label_dilation_m)),
+            ("reference_dilation_m", number(self.reference_dilation_m)),
+            ("target_dilation_m", number(self.target_dilation_m)),
+        ]
+        .into_iter()
+        .map(|(key, value)| (key.to_owned(), value))
+        .collect()
+    }
+
+    /// Reads the metadata of a weights file; entries of other names are ignored.
+    ///
+    /// # Errors
+    /// [`Error::Weights`] names the entry that is missing or out of range.
+    pub fn from_metadata(metadata: &BTreeMap<String, String>) -> Result<Self, Error> {
+        let text = |key: &str| {
+            metadata.get(key).ok_or_else(|| Error::Weights {
+                what: format!("the metadata has no entry {key}"),
+            })
+        };
+        let wrong = |key: &str, found: &str, expected: &str| Error::Weights {
+            what: format!("{key} is {:?}, expected {expected}", clip(found)),
+        };
+        let architecture = text("architecture")?;
+        if architecture != ARCHITECTURE {
+            return Err(wrong("architecture", architecture, ARCHITECTURE));
+        }
+        let size = text("size")?;
+        let size = InputSize::from_name(size).ok_or_else(|| wrong("size", size, "full or half"))?;
+        let side = |key: &str| {
+            let found = text(key)?;
+            found
+                .parse::<u32>()
+                .ok()
+                .filter(|cells| (1..=MAX_SIDE_CELLS).contains(cells))
+                .ok_or_else(|| wrong(key, found, "1 to 1024 cells"))
+        };
+        let metres = |key: &str| {
+            let found = text(key)?;
+            found
+                .parse::<f64>()
+                .ok()
+                .filter(|metres| (0.01..=100.0).contains(metres))
+                .ok_or_else(|| wrong(key, found, "0.01 to 100 m"))
+        };
+        Ok(Self {
+            rows: side("rows")?,
+            cols: side("cols")?,
+            resolution_m: metres("resolution_m")?,
+            size,
+            vehicle: clip(text("vehicle")?),
+            label_dilation_m: metres("label_dilation_m")?,
+            reference_dilation_m: metres("reference_dilation_m")?,
+            target_dilation_m: metres("target_dilation_m")?,
+        })
+    }
+}
+
+/// The beginning of text from a file, for an error or a log.
+fn clip(text: &str) -> String {
+    text.chars().take(64).collect()
+}
+
+/// A network that predicts path regions. It may be used from several threads at once.
+#[derive(Debug)]
+pub struct Network {
+    info: NetworkInfo,
+    inference: Inference,
+    workspaces: Mutex<Vec<Memory>>,
+}
+
+/// What one image's prediction needs, reused from call to call.
+#[derive(Debug, Default)]
+struct Memory {
+    workspace: Workspace,
+    cells: Vec<f32>,
+}
+
+impl Network {
+    /// A network of these parameters.
+    pub fn new(info: NetworkInfo, parameters: &Parameters) -> Self {
+        let size = info.encoding().input_size();
+        Self {
+            inference: Inference::new(Isa::detect(), size, parameters),
+            workspaces: Mutex::new(Vec::new()),
+            info,
+        }
+    }
+
+    /// The network in a safetensors file, as [`Self::save`] writes it.
+    ///
+    /// # Errors
+    /// [`Error::Weights`] names what was expected and what was found.
+    pub fn load(safetensors: &[u8]) -> Result<Self, Error> {
+        let (parameters, metadata) = Parameters::from_safetensors(safetensors)?;
+        Ok(Self::new(
+            NetworkInfo::from_metadata(&metadata)?,
+            &parameters,
+        ))
+    }
+
+    /// A safetensors file of parameters and what they were trained for.
+    pub fn save(info: &NetworkInfo, parameters: &Parameters) -> Vec<u8> {
+        parameters.to_safetensors(&info.metadata())
+    }
+
+    /// What the network was trained for.
+    pub const fn info(&self) -> &NetworkInfo {
+        &self.info
+    }
+
+    /// The region of the path to each target: the cells that are more likely in it than not.
+    ///
+    /// Targets are spread over the cores.
+    ///
+    /// # Errors
+    /// [`Error::Shape`] if a plane is not of the network's grid.
+    pub fn predict(
+        &self,
+        obstacles: &Plane,
+        reference: &Plane,
+        targets: &[Plane],
+    ) -> Result<Vec<Plane>, Error> {
+        let encoding = self.info.encoding();
+        self.each(obstacles, reference, targets, |cells| {
+            encoding.region(cells)
+        })
+    }
+
+    /// The probability of each cell, row-major, to be in the region of the path to each target.
+    ///
+    /// # Errors
+    /// [`Error::Shape`] if a plane is not of the network's grid.
+    pub fn probabilities(
+        &self,
+        obstacles: &Plane,
+        reference: &Plane,
+        targets: &[Plane],
+    ) -> Result<Vec<Vec<f32>>, Error> {
+        self.each(obstacles, reference, targets, |cells| {
+            cells
+                .iter()
+                .map(|logit| 1.0 / (1.0 + libm::expf(-logit)))
+                .collect()
+        })
+    }
+
+    fn each<T: Send>(
+        &self,
+        obstacles: &Plane,
+        reference: &Plane,
+        targets: &[Plane],
+        finish: impl Fn(&[f32]) -> T + Sync,
+    ) -> Result<Vec<T>, Error> {
+        let encoding = self.info.encoding();
+        for plane in [obstacles, reference].into_iter().chain(targets) {
+            encoding.check(plane)?;
+        }
+        let predictions = targets.par_iter().map(|target| {
+            let mut memory = self.take_memory();
+            let mut encoded = Ok(());
+            let logits = self.inference.run(&mut memory.workspace, |input| {
+                encoded = encoding.encode([obstacles, reference, target], input);
+            });
+            memory.cells.resize(encoding.cells(), 0.0);
+            encoding.decode(logits, &mut memory.cells);
+            let result = finish(&memory.cells);
+            self.give_memory(memory);
+            encoded.map(|()| result)
+        });
+        predictions.collect()
+    }
+
+    fn take_memory(&self) -> Memory {
+        let mut workspaces = self
+            .workspaces
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner);
+        workspaces.pop().unwrap_or_default()
+    }
+
+    fn give_memory(&self, memory: Memory) {
+        let mut workspaces = self
+            .workspaces
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner);
+        workspaces.push(memory);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+    use std::sync::OnceLock;
+
+    fn file() -> &'static [u8] {
+        static FILE: OnceLock<Vec<u8>> = OnceLock::new();
+        FILE.get_or_init(|| Network::save(&NetworkInfo::default(), &Parameters::initial(7)))
+    }
+
+    #[test]
+    fn saved_weights_load_as_they_were() {
+        let (parameters, metadata) = Parameters::from_safetensors(file()).unwrap();
+        assert_eq!(parameters, Parameters::initial(7));
+        assert_eq!(
+            NetworkInfo::from_metadata(&metadata).unwrap(),
+            NetworkInfo::default()
+        );
+        assert!(file() == Network::save(&NetworkInfo::default(), &parameters));
+    }
+
+    #[test]
+    fn each_target_is_predicted_as_if_it_were_alone() {
+        let info = NetworkInfo {
+            rows: 61,
+            cols: 35,
+            ..NetworkInfo::default()
+        };
+        let network = Network::new(info, &Parameters::initial(3));
+        let plane = |step: usize| {
+            let mut plane = Plane::empty(61, 35);
+            (0..plane.len())
+                .step_by(step)
+                .for_each(|index| plane.set_index(index));
+            plane
+        };
+        let targets = [plane(11), plane(300), plane(7)];
+        let (obstacles, reference) = (plane(5), plane(13));
+        let together = network.predict(&obstacles, &reference, &targets).unwrap();
+        for (target, region) in targets.iter().zip(&together) {
+            let alone = network
+                .predict(&obstacles, &reference, std::slice::from_ref(target))
+                .unwrap();
+            assert_eq!(&alone[0], region);
+            let cells = network
+                .probabilities(&obstacles, &reference, std::slice::from_ref(target))
+                .unwrap();
+            let above = cells[0].iter().filter(|&&p| p > 0.5).count();
+            assert!(above.abs_diff(region.count()) <= 1);
+        }
+        assert!(
+            network
+                .predict(&obstacles, &reference, &[])
+                .unwrap()
+                .is_empty()
+        );
+        assert!(
+            network
+                .predict(&Plane::empty(3, 3), &reference, &targets)
+                .is_err()
+        );
+    }
+
+    #[test]
+    fn missing_and_absurd_metadata_are_named() {
+        let complete = NetworkInfo::default().metadata();
+        for (key, absurd) in [
+            ("architecture", "segnet"),
+            ("size", "double"),
+            ("rows", "4294967295"),
+            ("cols", "0"),
+            ("resolution_m", "NaN"),
+            ("label_dilation_m", "-1"),
+        ] {
+            let mut metadata = complete.clone();
+            metadata.insert(key.to_owned(), absurd.to_owned());
+            let error = NetworkInfo::from_metadata(&metadata)
+                .unwrap_err()
+                .to_string();
+            assert!(error.contains(key) && error.contains(absurd), "{error}");
+            metadata.remove(key);
+            let error = NetworkInfo::from_metadata(&metadata)
+                .unwrap_err()
+                .to_string();
+            assert!(error.contains(key), "{error}");
+        }
+    }
+
+    #[test]
+    fn headers_that_promise_more_than_there_is_are_refused() {
+        let mut long_header = file().to_vec();
+        long_header[..8].copy_from_slice(&u64::MAX.to_le_bytes());
+        assert!(Network::load(&long_header).is_err());
+        let mut far_offset = file().to_vec();
+        let text = b"\"data_offsets\":[";
+        let at = far_offset
+            .windows(text.len())
+            .position(|part| part == text)
+            .unwrap();
+        far_offset[at + text.len()] = b'9';
+        assert!(Network::load(&far_offset).is_err());
+        let mut not_a_number = file().to_vec();
+        let end = not_a_number.len();
+        not_a_number[end - 4..].copy_from_slice(&f32::NAN.to_le_bytes());
+        let error = Network::load(&not_a_number).unwrap_err().to_string();
+        assert!(error.contains("finite"), "{error}");
+    }
+
+    proptest! {
+        #[test]
+        fn truncated_files_and_noise_are_errors(
+            len in 0usize..4000, noise in proptest::collection::vec(any::<u8>(), 0..400),
+        ) {
+            prop_assert!(Network::load(&file()[..len]).is_err());
+            prop_assert!(Network::load(&noise).is_err());
+        }
+
+        #[test]
+        fn damage_in_the_header_never_panics(at in 0usize..20_000, value: u8) {
+            let mut damaged = file().to_vec();
+            damaged[at] = value;
+            let _ = Network::load(&damaged);
+        }
+    }
+}
