@@ -52,6 +52,42 @@ pub enum Error {
         /// What is wrong with it.
         source: CdrError,
     },
+    /// The network, or zenoh, did not do what it was asked to.
+    #[error("{what}: {source}")]
+    Network {
+        /// What was being done.
+        what: String,
+        /// Zenoh's word.
+        source: Box<dyn std::error::Error + Send + Sync>,
+    },
+    /// Every port at which the sessions of a machine meet is taken.
+    #[error(
+        "every port from {first} to {last} on 127.0.0.1 is taken: give an endpoint to listen on"
+    )]
+    NoFreePort {
+        /// The lowest.
+        first: u16,
+        /// The highest.
+        last: u16,
+    },
+    /// A key is not one that messages of the type can be on.
+    #[error("{key:?} is not a key of swath: {what}")]
+    BadKey {
+        /// The key.
+        key: String,
+        /// What was expected.
+        what: &'static str,
+    },
+    /// Weights that must not be used.
+    #[error("weights {run:?} version {version}: {what}")]
+    BadWeights {
+        /// The run they say they are from.
+        run: String,
+        /// The version they say they are.
+        version: u64,
+        /// What is wrong with them.
+        what: String,
+    },
     /// A recording is damaged, not one, or has something else in it than expected.
     #[error("{}: at byte {offset}: {what}", path.display())]
     BadRecording {

@@ -1,0 +1,212 @@
+//! Receiving messages of one type, through a queue that never makes zenoh wait.
+
+use std::marker::PhantomData;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+
+use zenoh::sample::{Sample, SampleKind};
+use zenoh_ext::{AdvancedSubscriber, AdvancedSubscriberBuilderExt, HistoryConfig, RecoveryConfig};
+
+use crate::Error;
+use crate::cdr;
+use crate::clock;
+use crate::keys::{Qos, Topic};
+use crate::msg::Message;
+use crate::queue::{Arrived, Overflow, Queue};
+use crate::session::{Session, network};
+
+/// Of messages that do not decode, the first few and then every so manieth are logged.
+const LOGGED_FIRST: u64 = 3;
+const LOGGED_EVERY: u64 = 1000;
+
+/// A message and where it came from.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Received<M> {
+    /// The key it was published on.
+    pub key: String,
+    /// The message.
+    pub message: M,
+    /// When it arrived, nanoseconds since the Unix epoch by this machine's clock.
+    pub received_nanos: u64,
+    /// When it was sent by the sender's clock, if the message says.
+    pub sent_nanos: Option<u64>,
+}
+
+/// What has become of the messages for a subscriber.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct Counts {
+    /// Messages that arrived.
+    pub received: u64,
+    /// Those that a newer one replaced or that found the queue full.
+    pub dropped: u64,
+    /// Those that were not what their key promises.
+    pub undecodable: u64,
+    /// Those that were sent and did not arrive, where the publisher counts.
+    pub missed: u64,
+}
+
+/// A subscriber to messages of one type.
+#[derive(Debug)]
+pub struct Subscriber<M> {
+    raw: RawSubscriber,
+    undecodable: AtomicU64,
+    message: PhantomData<fn() -> M>,
+}
+
+impl Session {
+    /// Subscribes to a topic, of which at most `capacity` messages wait to be received.
+    ///
+    /// Of grids, references and targets no more than the newest of each key waits.
+    ///
+    /// # Errors
+    /// [`Error::Network`] if the key is none or the session is closed.
+    pub async fn subscriber<M: Message>(
+        &self,
+        topic: &Topic<M>,
+        capacity: usize,
+    ) -> Result<Subscriber<M>, Error> {
+        let queue = Arc::new(Queue::new(capacity, Overflow::of(topic.qos())));
+        Ok(Subscriber {
+            raw: self.raw_subscriber(topic.key(), topic.qos(), queue).await?,
+            undecodable: AtomicU64::new(0),
+            message: PhantomData,
+        })
+    }
+
+    pub(crate) async fn raw_subscriber(
+        &self,
+        key: &str,
+        qos: Qos,
+        queue: Arc<Queue>,
+    ) -> Result<RawSubscriber, Error> {
+        let sink = Arc::clone(&queue);
+        let builder = self.zenoh.declare_subscriber(key.to_owned());
+        let builder = builder.callback(move |sample| hand_over(&sample, &sink));
+        let declared = match qos {
+            Qos::Durable | Qos::Latched => {
+                let history = HistoryConfig::default()
+                    .detect_late_publishers()
+                    .max_samples(1);
+                let subscriber = builder
+                    .history(history)
+                    .recovery(RecoveryConfig::default().heartbeat())
+                    .subscriber_detection()
+                    .await;
+                match subscriber {
+                    Ok(subscriber) => count_misses(subscriber, &queue).await,
+                    Err(error) => Err(error),
+                }
+            }
+            _ => builder.await.map(Declared::Plain),
+        };
+        match declared {
+            Ok(declared) => Ok(RawSubscriber {
+                queue,
+                _declared: declared,
+            }),
+            Err(error) => Err(network(&format!("{key}: no subscriber"), error)),
+        }
+    }
+}
+
+async fn count_misses(
+    subscriber: AdvancedSubscriber<()>,
+    queue: &Arc<Queue>,
+) -> zenoh::Result<Declared> {
+    let queue = Arc::clone(queue);
+    subscriber
+        .sample_miss_listener()
+        .callback(move |miss| queue.add_missed(miss.nb().into()))
+        .background()
+        .await?;
+    Ok(Declared::Advanced(subscriber))
+}
+
+/// Runs on zenoh's threads: nothing here waits or decodes.
+fn hand_over(sample: &Sample, queue: &Queue) {
+    if sample.kind() == SampleKind::Put {
+        queue.push(Arrived {
+            key: sample.key_expr().to_string(),
+            payload: sample.payload().clone(),
+            received_nanos: clock::now_nanos(),
+            sent_nanos: sample.timestamp().map(|stamp| {
+                let since_epoch = stamp.get_time().to_duration();
+                u64::try_from(since_epoch.as_nanos()).unwrap_or(u64::MAX)
+            }),
+        });
+    }
+}
+
+/// A subscriber to messages that stay encoded. Its queue may be shared with others.
+#[derive(Debug)]
+pub(crate) struct RawSubscriber {
+    pub(crate) queue: Arc<Queue>,
+    _declared: Declared,
+}
+
+#[derive(Debug)]
+enum Declared {
+    Plain(#[expect(dead_code, reason = "held until it is dropped")] zenoh::pubsub::Subscriber<()>),
+    Advanced(#[expect(dead_code, reason = "held until it is dropped")] AdvancedSubscriber<()>),
+}
+
+impl<M: Message> Subscriber<M> {
+    /// The next message that decodes. It may be cancelled without loss.
+    pub async fn recv(&mut self) -> Option<Received<M>> {
+        loop {
+            let arrived = self.raw.queue.pop().await?;
+            if let Some(received) = self.decode(arrived) {
+                return Some(received);
+            }
+        }
+    }
+
+    /// The next message that decodes, if one is waiting.
+    pub fn try_recv(&mut self) -> Option<Received<M>> {
+        loop {
+            let arrived = self.raw.queue.try_pop()?;
+            if let Some(received) = self.decode(arrived) {
+                return Some(received);
+            }
+        }
+    }
+
+    /// What has become of the messages so far.
+    pub fn counts(&self) -> Counts {
+        Counts {
+            received: self.raw.queue.received(),
+            dropped: self.raw.queue.dropped(),
+            undecodable: self.undecodable.load(Ordering::Relaxed),
+            missed: self.raw.queue.missed(),
+        }
+    }
+
+    fn decode(&self, arrived: Arrived) -> Option<Received<M>> {
+        match cdr::from_slice(&arrived.payload.to_bytes()) {
+            Ok(message) => Some(Received {
+                key: arrived.key,
+                message,
+                received_nanos: arrived.received_nanos,
+                sent_nanos: arrived.sent_nanos,
+            }),
+            Err(source) => {
+                let before = self.undecodable.fetch_add(1, Ordering::Relaxed);
+                if before < LOGGED_FIRST || before.is_multiple_of(LOGGED_EVERY) {
+                    let error = Error::Decode {
+                        topic: arrived.key,
+                        type_name: M::TYPE_NAME,
+                        source,
+                    };
+                    tracing::warn!(count = before + 1, "dropped a message: {error}");
+                }
+                None
+            }
+        }
+    }
+}
+
+impl Drop for RawSubscriber {
+    fn drop(&mut self) {
+        self.queue.close();
+    }
+}
