@@ -120,6 +120,14 @@ impl Plane {
             .sum()
     }
 
+    /// Sets every cell that `other`, a plane of the same size, has set.
+    pub fn add(&mut self, other: &Self) {
+        debug_assert_eq!((self.rows, self.cols), (other.rows, other.cols));
+        for (byte, more) in self.bits.iter_mut().zip(&other.bits) {
+            *byte |= more;
+        }
+    }
+
     /// Sets every cell whose centre lies within `radius_m` of the line through the poses; a single
     /// pose is a disc. Poses are in the vehicle frame of `spec`, whose size must be the plane's.
     pub fn draw_line(&mut self, spec: &GridSpec, poses: &[Pose2], radius_m: f64) {

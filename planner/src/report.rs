@@ -1,0 +1,124 @@
+//! Planned frames as messages.
+
+use swath_bridge::msg::geometry::{Point, Pose, PoseStamped, Quaternion};
+use swath_bridge::msg::header::Header;
+use swath_bridge::msg::nav::Path;
+use swath_bridge::msg::swath::{PlanReport, PlanarPose, TargetPlan as TargetPlanMessage};
+use swath_bridge::{Outcome, Pose2};
+
+use crate::frame::FramePlan;
+use crate::plan::{Method, TargetPlan};
+use crate::timing::millis;
+
+/// A plane pose as a message.
+#[expect(
+    clippy::cast_possible_truncation,
+    reason = "the message has single precision"
+)]
+pub fn planar_pose(pose: &Pose2) -> PlanarPose {
+    PlanarPose {
+        x_m: pose.x_m as f32,
+        y_m: pose.y_m as f32,
+        yaw_rad: pose.yaw_rad as f32,
+    }
+}
+
+/// A plane pose as a ROS pose.
+pub fn ros_pose(pose: &Pose2) -> Pose {
+    let (z, w) = libm::sincos(pose.yaw_rad / 2.0);
+    Pose {
+        position: Point {
+            x: pose.x_m,
+            y: pose.y_m,
+            z: 0.0,
+        },
+        orientation: Quaternion {
+            x: 0.0,
+            y: 0.0,
+            z,
+            w,
+        },
+    }
+}
+
+/// The pose in the plane of a ROS pose: its position, and the heading of its x axis.
+pub fn pose_of_ros(pose: &Pose) -> Pose2 {
+    let q = &pose.orientation;
+    let sin = 2.0 * (q.w * q.z + q.x * q.y);
+    let cos = 1.0 - 2.0 * (q.y * q.y + q.z * q.z);
+    Pose2::new(pose.position.x, pose.position.y, libm::atan2(sin, cos))
+}
+
+/// Poses as a path.
+pub fn path_message(header: &Header, poses: &[Pose2]) -> Path {
+    let stamped = |pose: &Pose2| PoseStamped {
+        header: header.clone(),
+        pose: ros_pose(pose),
+    };
+    Path {
+        header: header.clone(),
+        poses: poses.iter().map(stamped).collect(),
+    }
+}
+
+/// The poses of a path; those that are not finite are left out.
+pub fn poses_of_path(path: &Path) -> Vec<Pose2> {
+    let poses = path.poses.iter().map(|stamped| pose_of_ros(&stamped.pose));
+    poses.filter(Pose2::is_finite).collect()
+}
+
+/// A report of a planned frame. What belongs to a node (vehicle, frame number, latency, weights) is
+/// left for it to fill in.
+#[expect(
+    clippy::cast_possible_truncation,
+    reason = "the message has single precision"
+)]
+pub fn plan_report(
+    header: Header,
+    method: Method,
+    speed_m_per_s: f64,
+    plan: &FramePlan,
+) -> PlanReport {
+    PlanReport {
+        header,
+        vehicle: String::new(),
+        frame: 0,
+        method: method.name().to_owned(),
+        scene: String::new(),
+        speed_m_per_s: speed_m_per_s as f32,
+        weights_run: String::new(),
+        weights_version: 0,
+        weights_age_s: f32::NAN,
+        network_ms: millis(plan.network) as f32,
+        search_ms: millis(plan.search) as f32,
+        cpu_ms: millis(plan.cpu) as f32,
+        total_ms: millis(plan.total) as f32,
+        latency_ms: f32::NAN,
+        grids_skipped: 0,
+        targets: plan.targets.iter().map(target_message).collect(),
+    }
+}
+
+#[expect(
+    clippy::cast_possible_truncation,
+    reason = "the message has single precision"
+)]
+fn target_message(plan: &TargetPlan) -> TargetPlanMessage {
+    TargetPlanMessage {
+        goal: planar_pose(&plan.goal),
+        status: plan.result.outcome.code(),
+        cost: plan.result.cost,
+        length_m: plan.result.length_m,
+        steps: plan.result.steps,
+        time_ms: millis(plan.cpu) as f32,
+        path: plan.result.path.iter().map(planar_pose).collect(),
+    }
+}
+
+/// The target whose path a controller should follow: the first that is solved, since the farthest
+/// row comes first and in each row the middle.
+pub fn chosen(plan: &FramePlan) -> Option<&TargetPlan> {
+    plan.targets
+        .iter()
+        .find(|target| target.result.outcome == Outcome::Solved)
+}
