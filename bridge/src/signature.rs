@@ -4,7 +4,8 @@
 //! of everything else: a line that names this use, then the message in CDR with the signature and
 //! the safetensors left empty. The digest is part of it, so the signature covers all fields.
 
-use ed25519_dalek::{Signature, Signer, SigningKey, VerifyingKey};
+use ed25519_dalek::{Signature, Signer};
+pub use ed25519_dalek::{SigningKey, VerifyingKey};
 
 use crate::Error;
 use crate::cdr;

@@ -8,6 +8,7 @@ mod frame;
 mod kernel;
 mod motion;
 pub mod network;
+pub mod node;
 mod plan;
 mod plane;
 pub mod report;
