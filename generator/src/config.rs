@@ -111,7 +111,7 @@ pub struct LidarConfig {
 impl Default for LidarConfig {
     fn default() -> Self {
         Self {
-            rays: 900,
+            rays: 1200,
             sensor_x_m: 1.2,
             max_range_m: 70.0,
             low_range_m: 32.0,
@@ -119,7 +119,7 @@ impl Default for LidarConfig {
             dropout: 0.04,
             low_dropout: 0.35,
             history_s: 2.4,
-            period_s: 0.2,
+            period_s: 0.1,
             clear_m: 0.5,
         }
     }
@@ -213,7 +213,7 @@ impl Default for LabelConfig {
             path_radius_m: 1.4,
             reference_radius_m: 1.0,
             target_radius_m: 1.0,
-            max_expansions: 60_000,
+            max_expansions: 130_000,
         }
     }
 }
