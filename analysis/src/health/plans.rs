@@ -1,0 +1,135 @@
+//! Planning: grids that were planned on or passed over, and how long each took.
+
+use std::collections::BTreeMap;
+
+use polars::prelude::{IntoLazy as _, JoinArgs, JoinType, SortMultipleOptions, col, len};
+use swath_bridge::keys;
+
+use crate::Error;
+use crate::error::InTable as _;
+use crate::frames::{counts, names, numbers};
+use crate::spread::Spread;
+use crate::tables::Tables;
+
+const TABLE: &str = "planner_health";
+
+/// One vehicle's planner.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct PlannerHealth {
+    /// Vehicle.
+    pub(crate) vehicle: String,
+    /// Grids recorded on the vehicle's topic.
+    pub(crate) grids: u64,
+    /// Grids planned on.
+    pub(crate) plans: u64,
+    /// Grids that a newer one replaced first.
+    pub(crate) skipped: u64,
+    /// Plans that used a network.
+    pub(crate) with_network: u64,
+    /// From a grid's arrival to its report; of plans of live grids only.
+    pub(crate) latency_ms: Option<Spread>,
+}
+
+/// Each vehicle's planner, ordered by vehicle.
+pub(super) fn planners(tables: &Tables) -> Result<Vec<PlannerHealth>, Error> {
+    let vehicles = names(&tables.plans, "vehicle", TABLE)?;
+    let versions = counts(&tables.plans, "weights_version", TABLE)?;
+    let skipped = counts(&tables.plans, "grids_skipped", TABLE)?;
+    let latencies_ms = numbers(&tables.plans, "latency_ms", TABLE)?;
+    let mut planners: BTreeMap<String, (PlannerHealth, Vec<f64>)> = BTreeMap::new();
+    for (vehicle, grids) in grids(tables)? {
+        planners.insert(
+            vehicle.clone(),
+            (PlannerHealth::idle(vehicle, grids), Vec::new()),
+        );
+    }
+    for (row, vehicle) in vehicles.into_iter().enumerate() {
+        let (planner, planner_latencies_ms) = planners
+            .entry(vehicle.clone())
+            .or_insert_with(|| (PlannerHealth::idle(vehicle, 0), Vec::new()));
+        planner.plans += 1;
+        planner.skipped = planner.skipped.saturating_add(skipped[row]);
+        planner.with_network += u64::from(versions[row] > 0);
+        // A plan that did not wait for a grid, as in a benchmark, has no latency.
+        if latencies_ms[row] > 0.0 {
+            planner_latencies_ms.push(latencies_ms[row]);
+        }
+    }
+    Ok(planners
+        .into_values()
+        .map(|(planner, latencies_ms)| PlannerHealth {
+            latency_ms: Spread::of(latencies_ms),
+            ..planner
+        })
+        .collect())
+}
+
+impl PlannerHealth {
+    fn idle(vehicle: String, grids: u64) -> Self {
+        Self {
+            vehicle,
+            grids,
+            plans: 0,
+            skipped: 0,
+            with_network: 0,
+            latency_ms: None,
+        }
+    }
+}
+
+/// Grids by vehicle.
+fn grids(tables: &Tables) -> Result<BTreeMap<String, u64>, Error> {
+    let topics = names(&tables.topics, "topic", TABLE)?;
+    let messages = counts(&tables.topics, "messages", TABLE)?;
+    let mut grids = BTreeMap::new();
+    for (topic, messages) in topics.iter().zip(messages) {
+        let parts: Vec<&str> = keys::key_of_topic(topic).split('/').collect();
+        if let ["swath", "vehicle", vehicle, "grid"] = parts[..] {
+            *grids.entry(vehicle.to_owned()).or_insert(0) += messages;
+        }
+    }
+    Ok(grids)
+}
+
+/// Targets of a method that had an outcome.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(crate) struct OutcomeCount {
+    /// Method.
+    pub(crate) method: String,
+    /// Outcome.
+    pub(crate) outcome: String,
+    /// Targets.
+    pub(crate) targets: u64,
+}
+
+/// Targets by method and outcome, in the order of both names.
+pub(super) fn outcomes(tables: &Tables) -> Result<Vec<OutcomeCount>, Error> {
+    let plans = tables.plans.clone().lazy();
+    let counted = tables
+        .targets
+        .clone()
+        .lazy()
+        .select([col("plan"), col("outcome")])
+        .join(
+            plans.select([col("plan"), col("method")]),
+            [col("plan")],
+            [col("plan")],
+            JoinArgs::new(JoinType::Inner),
+        )
+        .group_by([col("method"), col("outcome")])
+        .agg([len().alias("targets")])
+        .sort(["method", "outcome"], SortMultipleOptions::default())
+        .collect()
+        .in_table(TABLE)?;
+    let methods = names(&counted, "method", TABLE)?.into_iter();
+    let outcomes = names(&counted, "outcome", TABLE)?;
+    let targets = counts(&counted, "targets", TABLE)?;
+    Ok(methods
+        .zip(outcomes.into_iter().zip(targets))
+        .map(|(method, (outcome, targets))| OutcomeCount {
+            method,
+            outcome,
+            targets,
+        })
+        .collect())
+}

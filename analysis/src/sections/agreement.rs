@@ -1,0 +1,69 @@
+//! How well regions match labels, the paper's figure beside ours.
+
+use super::Section;
+use crate::agreement::Agreement;
+use crate::format::{count, optional, percent};
+use crate::grid::Grid;
+use crate::paper;
+
+/// The section, from every agreement.
+pub(crate) fn section(agreements: &[Agreement], drawn: &[String]) -> Section {
+    let mut section = Section::titled("Regions against labels");
+    if agreements.is_empty() {
+        section.paragraph("No evaluation was recorded, so there is no mIoU to show.");
+    } else {
+        section.paragraph(
+            "Intersection over union of the path's cells, of all other cells, and their mean, from \
+             counts added up over all samples. Of each run's weights the newest version that was \
+             evaluated is shown; the others are in `tables/agreement.csv`. Predictors marked as \
+             baselines learned nothing.",
+        );
+        section.labelled_table(
+            "tab:miou".to_owned(),
+            "Agreement of regions with labels.".to_owned(),
+            table(agreements),
+        );
+    }
+    section.plot(drawn, "loss.svg", "Training loss");
+    section.plot(drawn, "miou.svg", "mIoU over training");
+    section
+}
+
+fn table(agreements: &[Agreement]) -> Grid {
+    let mut grid = Grid::new([
+        "predictor",
+        "run",
+        "version",
+        "split",
+        "dilation (m)",
+        "samples",
+        "mIoU",
+        "IoU path",
+        "IoU background",
+        "ms a sample",
+    ]);
+    for agreement in agreements.iter().filter(|agreement| agreement.is_newest) {
+        let (subject, sums) = (&agreement.subject, &agreement.sums);
+        let (mark, version) = if subject.is_learned() {
+            ("", subject.weights_version.to_string())
+        } else {
+            (" (baseline)", String::new())
+        };
+        grid.row([
+            format!("{}{mark}", subject.predictor),
+            subject.run.clone(),
+            version,
+            subject.split.clone(),
+            format!("{:.2}", subject.dilation_mm as f64 / 1000.0),
+            count(sums.samples),
+            percent(sums.miou()),
+            percent(sums.iou_path()),
+            percent(sums.iou_background()),
+            optional(sums.ms_per_sample()),
+        ]);
+    }
+    let empty = std::iter::repeat_n(String::new(), 4);
+    let paper = [count(paper::TEST_SAMPLES), percent(Some(paper::MIOU))];
+    grid.row(["paper".to_owned()].into_iter().chain(empty).chain(paper));
+    grid
+}
