@@ -88,6 +88,16 @@ pub enum Error {
         /// What is wrong with them.
         what: String,
     },
+    /// A setting that cannot be worked with.
+    #[error("{name} is {value}, expected {expected}")]
+    BadSetting {
+        /// Its name.
+        name: &'static str,
+        /// Its value.
+        value: String,
+        /// What it must be.
+        expected: &'static str,
+    },
     /// A recording is damaged, not one, or has something else in it than expected.
     #[error("{}: at byte {offset}: {what}", path.display())]
     BadRecording {

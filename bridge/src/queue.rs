@@ -19,6 +19,16 @@ pub(crate) struct Arrived {
     pub(crate) sent_nanos: Option<u64>,
 }
 
+/// What zenoh's threads hand messages over to. None of this may wait.
+pub(crate) trait Inbox: Send + Sync + std::fmt::Debug {
+    /// Takes a message in.
+    fn push(&self, arrived: Arrived);
+    /// Takes note of messages that were sent and did not arrive.
+    fn add_missed(&self, count: u64);
+    /// Lets the other side come to its end.
+    fn close(&self);
+}
+
 /// What is given up when a queue is full.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Overflow {
@@ -77,35 +87,6 @@ impl Queue {
             .unwrap_or_else(std::sync::PoisonError::into_inner)
     }
 
-    /// Takes a message in and never waits for the other side.
-    pub(crate) fn push(&self, arrived: Arrived) {
-        self.received.fetch_add(1, Ordering::Relaxed);
-        let mut state = self.state();
-        if self.overflow == Overflow::ReplaceByKey {
-            let older = state.arrived.iter().position(|old| old.key == arrived.key);
-            if let Some(index) = older {
-                state.arrived.remove(index);
-                self.dropped.fetch_add(1, Ordering::Relaxed);
-            }
-        }
-        if state.arrived.len() >= self.capacity {
-            self.dropped.fetch_add(1, Ordering::Relaxed);
-            if self.overflow == Overflow::DropNewest {
-                return;
-            }
-            state.arrived.pop_front();
-        }
-        state.arrived.push_back(arrived);
-        drop(state);
-        self.changed.notify_one();
-    }
-
-    /// Lets the other side come to its end.
-    pub(crate) fn close(&self) {
-        self.state().closed = true;
-        self.changed.notify_one();
-    }
-
     pub(crate) fn try_pop(&self) -> Option<Arrived> {
         self.state().arrived.pop_front()
     }
@@ -127,10 +108,6 @@ impl Queue {
         }
     }
 
-    pub(crate) fn add_missed(&self, count: u64) {
-        self.missed.fetch_add(count, Ordering::Relaxed);
-    }
-
     pub(crate) fn received(&self) -> u64 {
         self.received.load(Ordering::Relaxed)
     }
@@ -141,6 +118,39 @@ impl Queue {
 
     pub(crate) fn missed(&self) -> u64 {
         self.missed.load(Ordering::Relaxed)
+    }
+}
+
+impl Inbox for Queue {
+    fn push(&self, arrived: Arrived) {
+        self.received.fetch_add(1, Ordering::Relaxed);
+        let mut state = self.state();
+        if self.overflow == Overflow::ReplaceByKey {
+            let older = state.arrived.iter().position(|old| old.key == arrived.key);
+            if let Some(index) = older {
+                state.arrived.remove(index);
+                self.dropped.fetch_add(1, Ordering::Relaxed);
+            }
+        }
+        if state.arrived.len() >= self.capacity {
+            self.dropped.fetch_add(1, Ordering::Relaxed);
+            if self.overflow == Overflow::DropNewest {
+                return;
+            }
+            state.arrived.pop_front();
+        }
+        state.arrived.push_back(arrived);
+        drop(state);
+        self.changed.notify_one();
+    }
+
+    fn close(&self) {
+        self.state().closed = true;
+        self.changed.notify_one();
+    }
+
+    fn add_missed(&self, count: u64) {
+        self.missed.fetch_add(count, Ordering::Relaxed);
     }
 }
 

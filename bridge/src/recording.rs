@@ -7,14 +7,22 @@
 mod channel;
 mod chunk;
 mod definitions;
+mod info;
 mod message;
 mod reader;
 mod record;
+mod recorder;
+mod recover;
+mod replay;
 mod writer;
 
 pub use channel::Channel;
+pub use info::{Info, TopicInfo, info};
 pub use message::RawMessage;
 pub use reader::Reader;
+pub use recorder::{RecordCounts, RecordOptions, Recorder};
+pub use recover::{RecoverReport, recover};
+pub use replay::{ReplayOptions, ReplayReport, replay};
 pub use writer::{Stamps, Writer};
 
 #[cfg(test)]

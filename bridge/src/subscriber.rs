@@ -12,7 +12,7 @@ use crate::cdr;
 use crate::clock;
 use crate::keys::{Qos, Topic};
 use crate::msg::Message;
-use crate::queue::{Arrived, Overflow, Queue};
+use crate::queue::{Arrived, Inbox, Overflow, Queue};
 use crate::session::{Session, network};
 
 /// Of messages that do not decode, the first few and then every so manieth are logged.
@@ -48,7 +48,8 @@ pub struct Counts {
 /// A subscriber to messages of one type.
 #[derive(Debug)]
 pub struct Subscriber<M> {
-    raw: RawSubscriber,
+    queue: Arc<Queue>,
+    _declared: RawSubscriber,
     undecodable: AtomicU64,
     message: PhantomData<fn() -> M>,
 }
@@ -66,8 +67,10 @@ impl Session {
         capacity: usize,
     ) -> Result<Subscriber<M>, Error> {
         let queue = Arc::new(Queue::new(capacity, Overflow::of(topic.qos())));
+        let inbox: Arc<dyn Inbox> = Arc::<Queue>::clone(&queue);
         Ok(Subscriber {
-            raw: self.raw_subscriber(topic.key(), topic.qos(), queue).await?,
+            queue,
+            _declared: self.raw_subscriber(topic.key(), topic.qos(), inbox).await?,
             undecodable: AtomicU64::new(0),
             message: PhantomData,
         })
@@ -77,11 +80,11 @@ impl Session {
         &self,
         key: &str,
         qos: Qos,
-        queue: Arc<Queue>,
+        inbox: Arc<dyn Inbox>,
     ) -> Result<RawSubscriber, Error> {
-        let sink = Arc::clone(&queue);
+        let sink = Arc::clone(&inbox);
         let builder = self.zenoh.declare_subscriber(key.to_owned());
-        let builder = builder.callback(move |sample| hand_over(&sample, &sink));
+        let builder = builder.callback(move |sample| hand_over(&sample, &*sink));
         let declared = match qos {
             Qos::Durable | Qos::Latched => {
                 let history = HistoryConfig::default()
@@ -93,7 +96,7 @@ impl Session {
                     .subscriber_detection()
                     .await;
                 match subscriber {
-                    Ok(subscriber) => count_misses(subscriber, &queue).await,
+                    Ok(subscriber) => count_misses(subscriber, &inbox).await,
                     Err(error) => Err(error),
                 }
             }
@@ -101,7 +104,7 @@ impl Session {
         };
         match declared {
             Ok(declared) => Ok(RawSubscriber {
-                queue,
+                inbox,
                 _declared: declared,
             }),
             Err(error) => Err(network(&format!("{key}: no subscriber"), error)),
@@ -111,21 +114,21 @@ impl Session {
 
 async fn count_misses(
     subscriber: AdvancedSubscriber<()>,
-    queue: &Arc<Queue>,
+    inbox: &Arc<dyn Inbox>,
 ) -> zenoh::Result<Declared> {
-    let queue = Arc::clone(queue);
+    let inbox = Arc::clone(inbox);
     subscriber
         .sample_miss_listener()
-        .callback(move |miss| queue.add_missed(miss.nb().into()))
+        .callback(move |miss| inbox.add_missed(miss.nb().into()))
         .background()
         .await?;
     Ok(Declared::Advanced(subscriber))
 }
 
 /// Runs on zenoh's threads: nothing here waits or decodes.
-fn hand_over(sample: &Sample, queue: &Queue) {
+fn hand_over(sample: &Sample, inbox: &dyn Inbox) {
     if sample.kind() == SampleKind::Put {
-        queue.push(Arrived {
+        inbox.push(Arrived {
             key: sample.key_expr().to_string(),
             payload: sample.payload().clone(),
             received_nanos: clock::now_nanos(),
@@ -137,10 +140,10 @@ fn hand_over(sample: &Sample, queue: &Queue) {
     }
 }
 
-/// A subscriber to messages that stay encoded. Its queue may be shared with others.
+/// A subscriber to messages that stay encoded. Its inbox may be shared with others.
 #[derive(Debug)]
 pub(crate) struct RawSubscriber {
-    pub(crate) queue: Arc<Queue>,
+    inbox: Arc<dyn Inbox>,
     _declared: Declared,
 }
 
@@ -154,7 +157,7 @@ impl<M: Message> Subscriber<M> {
     /// The next message that decodes. It may be cancelled without loss.
     pub async fn recv(&mut self) -> Option<Received<M>> {
         loop {
-            let arrived = self.raw.queue.pop().await?;
+            let arrived = self.queue.pop().await?;
             if let Some(received) = self.decode(arrived) {
                 return Some(received);
             }
@@ -164,7 +167,7 @@ impl<M: Message> Subscriber<M> {
     /// The next message that decodes, if one is waiting.
     pub fn try_recv(&mut self) -> Option<Received<M>> {
         loop {
-            let arrived = self.raw.queue.try_pop()?;
+            let arrived = self.queue.try_pop()?;
             if let Some(received) = self.decode(arrived) {
                 return Some(received);
             }
@@ -174,10 +177,10 @@ impl<M: Message> Subscriber<M> {
     /// What has become of the messages so far.
     pub fn counts(&self) -> Counts {
         Counts {
-            received: self.raw.queue.received(),
-            dropped: self.raw.queue.dropped(),
+            received: self.queue.received(),
+            dropped: self.queue.dropped(),
             undecodable: self.undecodable.load(Ordering::Relaxed),
-            missed: self.raw.queue.missed(),
+            missed: self.queue.missed(),
         }
     }
 
@@ -207,6 +210,6 @@ impl<M: Message> Subscriber<M> {
 
 impl Drop for RawSubscriber {
     fn drop(&mut self) {
-        self.queue.close();
+        self.inbox.close();
     }
 }

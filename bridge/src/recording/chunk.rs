@@ -15,12 +15,21 @@ pub(super) struct Unpacker {
     reader: LinearReader,
 }
 
+/// Which chunks to take records from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Trust {
+    /// Those that are whole and match their checksum.
+    Whole,
+    /// The beginning of one that was cut off.
+    Beginning,
+}
+
 impl Unpacker {
-    pub(super) fn new() -> Self {
+    pub(super) fn new(trust: Trust) -> Self {
         let options = LinearReaderOptions::default()
             .with_skip_start_magic(true)
             .with_skip_end_magic(true)
-            .with_prevalidate_chunk_crcs(true)
+            .with_prevalidate_chunk_crcs(trust == Trust::Whole)
             .with_record_length_limit(MOST_CHUNK_BYTES);
         Self {
             reader: LinearReader::new_with_options(options),
@@ -47,6 +56,15 @@ impl Unpacker {
         self.feed(body);
         self.feed(&END_MARK);
         Ok(())
+    }
+
+    /// Fills in the beginning of a chunk that was to have a body of `claimed_len` bytes.
+    ///
+    /// The records of it end with an error, since the last one is cut off.
+    pub(super) fn fill_beginning(&mut self, claimed_len: u64, part: &[u8]) {
+        self.feed(&[op::CHUNK]);
+        self.feed(&claimed_len.to_le_bytes());
+        self.feed(part);
     }
 
     fn feed(&mut self, bytes: &[u8]) {

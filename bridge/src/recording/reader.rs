@@ -5,7 +5,7 @@ use std::io::{BufReader, Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use super::chunk::{MOST_CHUNK_BYTES, Unpacker};
+use super::chunk::{MOST_CHUNK_BYTES, Trust, Unpacker};
 use super::definitions::Definitions;
 use super::message::RawMessage;
 use super::record::{HEAD_BYTES, MAGIC, head, op};
@@ -79,7 +79,7 @@ impl<R: Read + Seek> Reader<R> {
             len: 0,
             offset: 0,
             body: Vec::new(),
-            unpacker: Unpacker::new(),
+            unpacker: Unpacker::new(Trust::Whole),
             chunk_offset: None,
             definitions: Definitions::default(),
             wanted: Box::new(|_| true),

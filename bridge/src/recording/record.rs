@@ -17,6 +17,7 @@ pub(super) mod op {
     pub(in super::super) const CHANNEL: u8 = 0x04;
     pub(in super::super) const MESSAGE: u8 = 0x05;
     pub(in super::super) const CHUNK: u8 = 0x06;
+    pub(in super::super) const MESSAGE_INDEX: u8 = 0x07;
     pub(in super::super) const DATA_END: u8 = 0x0f;
 }
 

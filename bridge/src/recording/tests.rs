@@ -55,6 +55,8 @@ fn record(path: &Path, count: u64, step_nanos: u64) {
     writer.finish().unwrap();
 }
 
+fn quiet(_done: u64, _total: u64) {}
+
 fn read(bytes: &[u8]) -> (Vec<RawMessage>, Option<Error>) {
     let reader = match Reader::new(Cursor::new(bytes), "in memory") {
         Ok(reader) => reader,
@@ -265,8 +267,117 @@ fn a_changed_byte_in_a_chunk_is_noticed() {
     assert!(error.is_some());
 }
 
+#[test]
+fn info_counts_what_is_there() {
+    let dir = TempDir::new().unwrap();
+    let path = dir.path().join("a.mcap");
+    record(&path, 101, 10_000_000);
+    let info = info(&path, &mut quiet).unwrap();
+    assert_eq!(info.messages, 101);
+    assert!((info.duration_s - 1.0).abs() < 1e-9);
+    assert_eq!(info.bytes, std::fs::metadata(&path).unwrap().len());
+    let [topic] = &info.topics[..] else {
+        panic!("{info:?}");
+    };
+    assert_eq!(topic.topic, "/swath/vehicle/v/targets");
+    assert!((topic.rate_hz - 100.0).abs() < 1e-9);
+    assert_eq!(info.damage, None);
+    assert!(info.to_string().contains("101 messages"), "{info}");
+}
+
+#[test]
+fn recovering_a_whole_recording_loses_nothing() {
+    let dir = TempDir::new().unwrap();
+    let [input, output] = ["a", "b"].map(|name| dir.path().join(name));
+    record(&input, 300, 20_000_000);
+    let report = recover(&input, &output, &mut quiet).unwrap();
+    assert_eq!(report.messages, 300);
+    assert_eq!((report.messages_lost, report.bytes_lost), (0, 0));
+    assert!(report.damage.is_empty(), "{report:?}");
+    assert_eq!(
+        std::fs::read(input).unwrap(),
+        std::fs::read(output).unwrap()
+    );
+    let same = dir.path().join("b");
+    assert!(recover(&same, &same, &mut quiet).is_err());
+}
+
+#[test]
+fn a_damaged_chunk_costs_its_own_messages_only_and_they_are_counted() {
+    let dir = TempDir::new().unwrap();
+    let [input, output] = ["a", "b"].map(|name| dir.path().join(name));
+    let options = WriteOptions::new().compression(None).chunk_size(Some(500));
+    let mut bytes = foreign(options, "geometry_msgs/msg/PoseArray");
+    let (whole, _) = read(&bytes);
+    // The first chunk also names the topic, which is then known from the index only.
+    let at = chunk_at(&bytes) + 300;
+    bytes[at] ^= 1;
+    std::fs::write(&input, &bytes).unwrap();
+    let report = recover(&input, &output, &mut quiet).unwrap();
+    assert!(report.messages_lost > 0);
+    assert_eq!(report.messages + report.messages_lost, 50);
+    assert_eq!(report.damage.len(), 1, "{report:?}");
+    let (saved, error) = read(&std::fs::read(&output).unwrap());
+    assert!(error.is_none());
+    let lost = usize::try_from(report.messages_lost).unwrap();
+    for (saved, original) in saved.iter().zip(&whole[lost..]) {
+        assert_eq!(saved.payload, original.payload);
+        assert_eq!(saved.sequence, original.sequence);
+    }
+}
+
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(200))]
+
+    #[test]
+    fn recovering_a_truncated_file_saves_at_least_what_can_be_read(cut in 0.0..1.0_f64, packed in any::<bool>()) {
+        let compression = packed.then_some(Compression::Zstd);
+        let options = WriteOptions::new().compression(compression).chunk_size(Some(500));
+        let bytes = foreign(options, "geometry_msgs/msg/PoseArray");
+        let whole = read(&bytes).0;
+        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "below the length")]
+        let len = (bytes.len() as f64 * cut) as usize;
+        let readable = read(&bytes[..len]).0;
+        let dir = TempDir::new().unwrap();
+        let [input, output] = ["a", "b"].map(|name| dir.path().join(name));
+        std::fs::write(&input, &bytes[..len]).unwrap();
+        let Ok(report) = recover(&input, &output, &mut quiet) else {
+            // So little is left that it is no recording.
+            prop_assert!(readable.is_empty() && len < 60);
+            return Ok(());
+        };
+        let (saved, error) = read(&std::fs::read(&output).unwrap());
+        prop_assert!(error.is_none(), "{error:?}");
+        prop_assert!(saved.len() >= readable.len());
+        prop_assert_eq!(u64::try_from(saved.len()).unwrap(), report.messages);
+        for (saved, original) in saved.iter().zip(&whole) {
+            prop_assert_eq!(&saved.payload, &original.payload);
+            prop_assert_eq!(saved.log_nanos, original.log_nanos);
+        }
+        prop_assert!(!report.damage.is_empty());
+    }
+
+    #[test]
+    fn recovering_anything_ends_and_gives_a_whole_recording(
+        changes in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 1..8),
+        packed in any::<bool>(),
+    ) {
+        let compression = packed.then_some(Compression::Zstd);
+        let options = WriteOptions::new().compression(compression).chunk_size(Some(500));
+        let mut bytes = foreign(options, "geometry_msgs/msg/PoseArray");
+        for (index, byte) in changes {
+            let at = index.index(bytes.len());
+            bytes[at] = byte;
+        }
+        let dir = TempDir::new().unwrap();
+        let [input, output] = ["a", "b"].map(|name| dir.path().join(name));
+        std::fs::write(&input, &bytes).unwrap();
+        if let Ok(report) = recover(&input, &output, &mut quiet) {
+            let (saved, error) = read(&std::fs::read(&output).unwrap());
+            prop_assert!(error.is_none(), "{error:?}");
+            prop_assert_eq!(u64::try_from(saved.len()).unwrap(), report.messages);
+        }
+    }
 
     #[test]
     fn a_truncated_file_gives_its_beginning_and_an_error(cut in 0.0..1.0_f64, packed in any::<bool>()) {

@@ -4,11 +4,13 @@ use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::BufWriter;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use mcap::records::MessageHeader;
 use mcap::{Compression, McapError, WriteOptions};
 
 use super::channel::Channel;
+use super::message::RawMessage;
 use crate::Error;
 use crate::cdr;
 use crate::keys::{Topic, topic_of_key};
@@ -29,6 +31,8 @@ pub struct Writer {
     path: PathBuf,
     out: mcap::Writer<BufWriter<File>>,
     channels: BTreeMap<String, OpenChannel>,
+    /// Topics of other recordings.
+    copied: Vec<(Arc<Channel>, u16)>,
     first_unwritten_nanos: Option<u64>,
     messages: u64,
 }
@@ -77,6 +81,7 @@ impl Writer {
             path,
             out,
             channels: BTreeMap::new(),
+            copied: Vec::new(),
             first_unwritten_nanos: None,
             messages: 0,
         })
@@ -136,33 +141,61 @@ impl Writer {
         payload: &[u8],
         stamps: Stamps,
     ) -> Result<(), Error> {
-        match self.channels.get(topic) {
-            None => self.add_channel(&Channel::cdr(topic, type_name))?,
-            Some(open) if open.type_name != type_name => {
-                return Err(Error::BadFile {
-                    path: self.path.clone(),
-                    what: format!(
-                        "{topic} has messages of {}, a {type_name} cannot be added",
-                        open.type_name
-                    ),
-                });
-            }
-            Some(_) => {}
+        if !self.channels.contains_key(topic) {
+            let open = OpenChannel {
+                id: self.declare(&Channel::cdr(topic, type_name))?,
+                type_name: type_name.to_owned(),
+                next_sequence: 0,
+            };
+            self.channels.insert(topic.to_owned(), open);
         }
-        self.append(topic, payload, stamps)
+        let Some(channel) = self.channels.get_mut(topic) else {
+            return Ok(());
+        };
+        if channel.type_name != type_name {
+            let what = format!(
+                "{topic} has messages of {}, a {type_name} cannot be added",
+                channel.type_name
+            );
+            return Err(Error::BadFile {
+                path: self.path.clone(),
+                what,
+            });
+        }
+        let header = MessageHeader {
+            channel_id: channel.id,
+            sequence: channel.next_sequence,
+            log_time: stamps.log_nanos,
+            publish_time: stamps.publish_nanos,
+        };
+        channel.next_sequence = channel.next_sequence.wrapping_add(1);
+        self.append(&header, payload)
     }
 
-    /// Writes a message with all that another recording says about its topic.
-    ///
-    /// The first description of a topic counts.
+    /// Writes a message of another recording, with its number and all that is said of its topic.
     ///
     /// # Errors
     /// [`Error::Io`] if the file cannot be written.
-    pub fn copy(&mut self, channel: &Channel, payload: &[u8], stamps: Stamps) -> Result<(), Error> {
-        if !self.channels.contains_key(&*channel.topic) {
-            self.add_channel(channel)?;
-        }
-        self.append(&channel.topic, payload, stamps)
+    pub fn copy(&mut self, message: &RawMessage) -> Result<(), Error> {
+        let channel = &message.channel;
+        let known = self
+            .copied
+            .iter()
+            .find(|(known, _)| Arc::ptr_eq(known, channel));
+        let id = if let Some((_, id)) = known {
+            *id
+        } else {
+            let id = self.declare(channel)?;
+            self.copied.push((Arc::clone(channel), id));
+            id
+        };
+        let header = MessageHeader {
+            channel_id: id,
+            sequence: message.sequence,
+            log_time: message.log_nanos,
+            publish_time: message.publish_nanos,
+        };
+        self.append(&header, &message.payload)
     }
 
     /// Makes everything written so far safe from the end of this process.
@@ -202,55 +235,34 @@ impl Writer {
         file.sync_all().map_err(io)
     }
 
-    fn add_channel(&mut self, channel: &Channel) -> Result<(), Error> {
+    fn declare(&mut self, channel: &Channel) -> Result<u16, Error> {
         let path = &self.path;
         let bad = |error| write_error(path, error);
         let schema_id = if channel.type_name.is_empty() && channel.schema.is_empty() {
             0
         } else {
+            let name = &channel.type_name;
             self.out
-                .add_schema(
-                    &channel.type_name,
-                    &channel.schema_encoding,
-                    &channel.schema,
-                )
+                .add_schema(name, &channel.schema_encoding, &channel.schema)
                 .map_err(bad)?
         };
-        let id = self
-            .out
+        self.out
             .add_channel(
                 schema_id,
                 &channel.topic,
                 &channel.encoding,
                 &channel.metadata,
             )
-            .map_err(bad)?;
-        let open = OpenChannel {
-            id,
-            type_name: channel.type_name.to_string(),
-            next_sequence: 0,
-        };
-        self.channels.insert(channel.topic.to_string(), open);
-        Ok(())
+            .map_err(bad)
     }
 
-    fn append(&mut self, topic: &str, payload: &[u8], stamps: Stamps) -> Result<(), Error> {
-        let Some(channel) = self.channels.get_mut(topic) else {
-            return Ok(());
-        };
-        let header = MessageHeader {
-            channel_id: channel.id,
-            sequence: channel.next_sequence,
-            log_time: stamps.log_nanos,
-            publish_time: stamps.publish_nanos,
-        };
-        channel.next_sequence = channel.next_sequence.wrapping_add(1);
+    fn append(&mut self, header: &MessageHeader, payload: &[u8]) -> Result<(), Error> {
         self.out
-            .write_to_known_channel(&header, payload)
+            .write_to_known_channel(header, payload)
             .map_err(|error| write_error(&self.path, error))?;
         self.messages += 1;
-        let first_nanos = *self.first_unwritten_nanos.get_or_insert(stamps.log_nanos);
-        if stamps.log_nanos.abs_diff(first_nanos) >= MOST_UNWRITTEN_NANOS {
+        let first_nanos = *self.first_unwritten_nanos.get_or_insert(header.log_time);
+        if header.log_time.abs_diff(first_nanos) >= MOST_UNWRITTEN_NANOS {
             self.flush()?;
         }
         Ok(())
