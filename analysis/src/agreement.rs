@@ -89,8 +89,8 @@ pub(crate) struct Agreement {
     pub(crate) is_newest: bool,
 }
 
-/// Every subject's agreement, ordered by subject. An evaluation that is in several recordings (the
-/// same in every field, its stamp included) counts once.
+/// Every subject's agreement, ordered by subject. Evaluations add up, but those with the same counts
+/// are one that was made or recorded twice, and count once.
 ///
 /// # Errors
 /// [`Error::Table`] if a column is missing.
@@ -132,8 +132,7 @@ fn distinct_evaluations(evaluations: &DataFrame) -> Result<Vec<(Subject, Sums)>,
     let count = |column| counts(evaluations, column, TABLE);
     let (predictors, runs, splits) = (name("predictor")?, name("run")?, name("split")?);
     let dilations_m = numbers(evaluations, "dilation_m", TABLE)?;
-    let (stamps, versions) = (count("stamp_nanos")?, count("weights_version")?);
-    let samples = count("samples")?;
+    let (versions, samples) = (count("weights_version")?, count("samples")?);
     let path = (count("intersection_path")?, count("union_path")?);
     let background = (
         count("intersection_background")?,
@@ -156,7 +155,7 @@ fn distinct_evaluations(evaluations: &DataFrame) -> Result<Vec<(Subject, Sums)>,
             background.0[row],
             background.1[row],
         ];
-        if !seen.insert((subject.clone(), stamps[row], samples[row], cells)) {
+        if !seen.insert((subject.clone(), samples[row], cells)) {
             continue;
         }
         distinct.push((

@@ -22,7 +22,7 @@ pub(crate) struct PlannerHealth {
     pub(crate) grids: u64,
     /// Grids planned on.
     pub(crate) plans: u64,
-    /// Grids that a newer one replaced first.
+    /// Grids that a newer one replaced first, as the planner counted them.
     pub(crate) skipped: u64,
     /// Plans that used a network.
     pub(crate) with_network: u64,
@@ -30,51 +30,61 @@ pub(crate) struct PlannerHealth {
     pub(crate) latency_ms: Option<Spread>,
 }
 
+/// What has been seen of a vehicle's planner so far.
+#[derive(Default)]
+struct Seen {
+    grids: u64,
+    plans: u64,
+    with_network: u64,
+    /// Grids skipped before the planner was last restarted.
+    skipped_before: u64,
+    /// The planner's own count, and the recording that it stands in.
+    skipped: (u64, u64),
+    latencies_ms: Vec<f64>,
+}
+
+impl Seen {
+    /// Follows the planner's own count, which only grows until the planner is started anew.
+    fn count_skipped(&mut self, recording: u64, skipped: u64) {
+        if self.skipped.0 != recording || skipped < self.skipped.1 {
+            self.skipped_before = self.skipped_before.saturating_add(self.skipped.1);
+        }
+        self.skipped = (recording, skipped);
+    }
+}
+
 /// Each vehicle's planner, ordered by vehicle.
 pub(super) fn planners(tables: &Tables) -> Result<Vec<PlannerHealth>, Error> {
     let vehicles = names(&tables.plans, "vehicle", TABLE)?;
+    let recordings = counts(&tables.plans, "recording", TABLE)?;
     let versions = counts(&tables.plans, "weights_version", TABLE)?;
     let skipped = counts(&tables.plans, "grids_skipped", TABLE)?;
     let latencies_ms = numbers(&tables.plans, "latency_ms", TABLE)?;
-    let mut planners: BTreeMap<String, (PlannerHealth, Vec<f64>)> = BTreeMap::new();
+    let mut planners: BTreeMap<String, Seen> = BTreeMap::new();
     for (vehicle, grids) in grids(tables)? {
-        planners.insert(
-            vehicle.clone(),
-            (PlannerHealth::idle(vehicle, grids), Vec::new()),
-        );
+        planners.entry(vehicle).or_default().grids = grids;
     }
     for (row, vehicle) in vehicles.into_iter().enumerate() {
-        let (planner, planner_latencies_ms) = planners
-            .entry(vehicle.clone())
-            .or_insert_with(|| (PlannerHealth::idle(vehicle, 0), Vec::new()));
-        planner.plans += 1;
-        planner.skipped = planner.skipped.saturating_add(skipped[row]);
-        planner.with_network += u64::from(versions[row] > 0);
+        let seen = planners.entry(vehicle).or_default();
+        seen.plans += 1;
+        seen.with_network += u64::from(versions[row] > 0);
+        seen.count_skipped(recordings[row], skipped[row]);
         // A plan that did not wait for a grid, as in a benchmark, has no latency.
         if latencies_ms[row] > 0.0 {
-            planner_latencies_ms.push(latencies_ms[row]);
+            seen.latencies_ms.push(latencies_ms[row]);
         }
     }
     Ok(planners
-        .into_values()
-        .map(|(planner, latencies_ms)| PlannerHealth {
-            latency_ms: Spread::of(latencies_ms),
-            ..planner
+        .into_iter()
+        .map(|(vehicle, seen)| PlannerHealth {
+            vehicle,
+            grids: seen.grids,
+            plans: seen.plans,
+            skipped: seen.skipped_before.saturating_add(seen.skipped.1),
+            with_network: seen.with_network,
+            latency_ms: Spread::of(seen.latencies_ms),
         })
         .collect())
-}
-
-impl PlannerHealth {
-    fn idle(vehicle: String, grids: u64) -> Self {
-        Self {
-            vehicle,
-            grids,
-            plans: 0,
-            skipped: 0,
-            with_network: 0,
-            latency_ms: None,
-        }
-    }
 }
 
 /// Grids by vehicle.
