@@ -97,3 +97,73 @@ impl Iterator for Drive {
         Some((self.scene.name.clone(), frame))
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use std::collections::BTreeSet;
+
+    use swath_bridge::{FREE, OCCUPIED};
+
+    use super::*;
+    use crate::{GeneratorConfig, LogScenes, Scenes};
+
+    fn drive(seed: u64) -> Drive {
+        let generator = Generator::new(GeneratorConfig::default(), Scenes::Procedural);
+        Drive::new(Arc::new(generator.unwrap()), seed)
+    }
+
+    #[test]
+    fn odometry_goes_on_from_scene_to_scene_at_the_speed_of_each() {
+        let frames: Vec<_> = drive(2).take(240).collect();
+        let names: BTreeSet<&str> = frames.iter().map(|(name, _)| name.as_str()).collect();
+        assert!(names.len() > 1, "{names:?}");
+        for pair in frames.windows(2) {
+            let (before, after) = (&pair[0].1, &pair[1].1);
+            assert_eq!(after.stamp_nanos - before.stamp_nanos, PERIOD_NANOS);
+            let driven_m = before
+                .odom_from_vehicle
+                .distance_m(&after.odom_from_vehicle);
+            let expected_m = before.speed_m_per_s * PERIOD_S;
+            assert!(
+                (driven_m - expected_m).abs() < 0.1,
+                "{driven_m} m, not {expected_m}"
+            );
+        }
+    }
+
+    #[test]
+    fn the_vehicle_stands_free_on_every_frame_and_knows_its_way() {
+        for (name, frame) in drive(3).take(120) {
+            let spec = frame.occupancy.spec;
+            assert_eq!(frame.occupancy.get(spec.ego()), Some(FREE), "{name}");
+            assert!(frame.occupancy.cells.contains(&OCCUPIED), "{name}");
+            let first = &frame.reference[0];
+            assert!(
+                first.distance_m(&Pose2::default()) < 1.5,
+                "{name}: {first:?}"
+            );
+            assert!(frame.reference.len() > 20, "{name}");
+        }
+    }
+
+    #[test]
+    fn the_same_seed_drives_the_same_way() {
+        assert!(drive(4).take(30).eq(drive(4).take(30)));
+        assert!(!drive(4).take(30).eq(drive(5).take(30)));
+    }
+
+    #[test]
+    fn a_drive_through_the_scenes_of_a_log_goes_from_frame_to_frame() {
+        let mut logs = LogScenes::new();
+        let (_, frame) = drive(6).next().unwrap();
+        let kept = logs.add("log", [Ok::<_, crate::Error>(frame)]).unwrap();
+        assert_eq!(kept, 1);
+        let scenes = Scenes::Logs(Arc::new(logs));
+        let generator = Generator::new(GeneratorConfig::default(), scenes).unwrap();
+        let names: Vec<String> = Drive::new(Arc::new(generator), 1)
+            .take(3)
+            .map(|(name, _)| name)
+            .collect();
+        assert_eq!(names, ["log"; 3]);
+    }
+}

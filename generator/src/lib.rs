@@ -12,6 +12,7 @@ pub mod drive;
 mod error;
 pub mod lidar;
 mod logs;
+pub mod node;
 mod sample;
 pub mod scene;
 pub mod shape;

@@ -138,3 +138,81 @@ fn scene_of(name: &str, frame: &Frame) -> Option<Scene> {
         ..empty()
     })
 }
+
+#[cfg(test)]
+mod tests {
+    use swath_bridge::{Cell, GridSpec, OCCUPIED, Occupancy, cdr};
+    use swath_planner::Plane;
+    use swath_planner::search::SearchMemory;
+
+    use super::*;
+    use crate::{Generator, GeneratorConfig, Scenes};
+
+    /// A frame on a straight road between two walls, a distance along.
+    fn frame(along_m: f64) -> Frame {
+        let spec = GridSpec::default();
+        let mut occupancy = Occupancy::filled(spec, swath_bridge::FREE);
+        for row in 0..401 {
+            for col in [40, 110] {
+                occupancy.set(Cell::new(row, col), OCCUPIED);
+            }
+        }
+        Frame {
+            stamp_nanos: 0,
+            occupancy,
+            odom_from_vehicle: Pose2::new(along_m, 0.0, 0.0),
+            speed_m_per_s: 3.0,
+            reference: (0..60)
+                .map(|x| Pose2::new(f64::from(x), 0.0, 0.0))
+                .collect(),
+        }
+    }
+
+    fn frames(count: u32, step_m: f64) -> Vec<Result<Frame, Error>> {
+        (0..count)
+            .map(|index| Ok(frame(f64::from(index) * step_m)))
+            .collect()
+    }
+
+    #[test]
+    fn frames_that_lie_apart_and_have_a_way_ahead_become_scenes() {
+        let mut logs = LogScenes::new();
+        assert_eq!(logs.add("a", frames(10, 0.5)).unwrap(), 3);
+        assert_eq!(logs.add("b", frames(10, 5.0)).unwrap(), 10);
+        let short = Frame {
+            reference: vec![Pose2::default(); 3],
+            ..frame(0.0)
+        };
+        assert_eq!(logs.add("c", [Ok::<_, Error>(short)]).unwrap(), 0);
+        assert_eq!(logs.len(), 13);
+    }
+
+    #[test]
+    fn logs_without_frames_are_refused() {
+        let scenes = Scenes::Logs(Arc::new(LogScenes::new()));
+        let error = Generator::new(GeneratorConfig::default(), scenes).unwrap_err();
+        assert!(matches!(error, Error::NoFrames { .. }), "{error}");
+    }
+
+    #[test]
+    fn samples_of_a_log_keep_its_walls_and_show_added_vehicles_from_one_side() {
+        let mut logs = LogScenes::new();
+        logs.add("campus", frames(10, 5.0)).unwrap();
+        let generator =
+            Generator::new(GeneratorConfig::default(), Scenes::Logs(Arc::new(logs))).unwrap();
+        let mut memory = SearchMemory::new();
+        let mut added = 0;
+        for index in 0..40 {
+            let sample = generator.sample(1, index, &mut memory).unwrap();
+            assert_eq!(sample.scene, "campus");
+            let plane = Plane::from_packed(401, 151, sample.obstacles.clone()).unwrap();
+            for row in 0..401 {
+                assert!(plane.get(Cell::new(row, 40)) && plane.get(Cell::new(row, 110)));
+            }
+            added += plane.count() - 802;
+            let again = generator.sample(1, index, &mut memory).unwrap();
+            assert_eq!(cdr::to_vec(&sample).unwrap(), cdr::to_vec(&again).unwrap());
+        }
+        assert!(added > 200, "{added} cells of added vehicles");
+    }
+}

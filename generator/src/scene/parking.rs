@@ -83,7 +83,7 @@ pub(super) fn parking(site: &mut Site<'_>) -> Layout {
     Layout {
         reference: course,
         lanes_m: vec![0.0, 1.4, -1.4],
-        band_m: Span(-7.0, 7.0),
+        band_m: Span(-5.0, 5.0),
         curvature_per_m: 0.1,
         ego_freedom: 1.0,
     }
