@@ -1,1 +1,36 @@
-//! stub
+//! Training of the network that predicts path regions: samples from recordings or the live stream,
+//! the loss, the optimiser, the loop, evaluation, checkpoints and the trainer node.
+
+mod checkpoint;
+mod config;
+mod dataset;
+mod dubins;
+mod error;
+mod evaluate;
+mod example;
+mod loss;
+mod optimiser;
+mod random;
+mod schedule;
+mod score;
+mod source;
+mod split;
+mod train;
+
+pub use checkpoint::{Checkpoint, Progress, write_atomically};
+pub use config::TrainConfig;
+pub use dataset::{Dataset, MAX_EXAMPLES};
+pub use dubins::shortest_path;
+pub use error::Error;
+pub use evaluate::{Predictor, Report, evaluate};
+pub use example::Example;
+pub use loss::{LossConfig, loss_and_gradient};
+pub use optimiser::{Adam, AdamConfig, AdamState, Decay};
+pub use schedule::Schedule;
+pub use score::{Counts, DISTANCE_GROUPS_M, Scores};
+pub use source::{Counts as StreamCounts, Live, Recorded, Replay, Shown, Source};
+pub use split::{Split, split};
+pub use train::{
+    BEST_FILE, CHECKPOINT_FILE, DEFAULT_LABEL_DILATION_M, EpochReport, Learner, Observer, Run,
+    StepReport, Summary, Unobserved, WEIGHTS_FILE, network_info, score,
+};

@@ -1,0 +1,189 @@
+//! Where the samples of each step come from: recordings, or the live stream.
+
+use std::sync::Arc;
+
+use rand_chacha::rand_core::Rng;
+
+use crate::Example;
+use crate::random::{below, shuffle, stream};
+
+mod replay;
+
+pub use replay::{Counts, Replay};
+
+/// Random numbers for the order of an epoch are drawn from streams from here on.
+const ORDER_STREAM: u64 = 2 << 40;
+/// Random numbers for mirroring are drawn from streams from here on.
+const MIRROR_STREAM: u64 = 3 << 40;
+/// Random numbers for drawing from the replay buffer are drawn from streams from here on.
+const DRAW_STREAM: u64 = 4 << 40;
+
+/// An example as one step shows it.
+#[derive(Debug, Clone)]
+pub struct Shown {
+    /// The example.
+    pub example: Arc<Example>,
+    /// Whether left and right are swapped.
+    pub mirrored: bool,
+}
+
+/// Gives every step its samples.
+pub trait Source: std::fmt::Debug {
+    /// Steps that make an epoch, for batches of a size.
+    fn steps_per_epoch(&self, batch: usize) -> u64;
+
+    /// The samples of a step: `batch` of them, or fewer if there are not as many.
+    fn draw(&mut self, step: u64, batch: usize) -> Vec<Shown>;
+}
+
+/// Samples that are all there from the beginning: each is shown once an epoch, in an order that
+/// depends on the seed and the epoch only, so that training can be taken up anywhere.
+#[derive(Debug)]
+pub struct Recorded {
+    examples: Vec<Arc<Example>>,
+    seed: u64,
+    mirror: bool,
+    epoch: u64,
+    order: Vec<usize>,
+}
+
+impl Recorded {
+    /// A source of these examples. With `mirror`, every other showing is mirrored at random.
+    pub fn new(examples: Vec<Example>, seed: u64, mirror: bool) -> Self {
+        let examples: Vec<_> = examples.into_iter().map(Arc::new).collect();
+        let mut source = Self {
+            order: (0..examples.len()).collect(),
+            examples,
+            seed,
+            mirror,
+            epoch: 0,
+        };
+        source.begin_epoch(0);
+        source
+    }
+
+    /// Number of examples.
+    pub fn len(&self) -> usize {
+        self.examples.len()
+    }
+
+    /// Whether there are none.
+    pub fn is_empty(&self) -> bool {
+        self.examples.is_empty()
+    }
+
+    fn begin_epoch(&mut self, epoch: u64) {
+        self.epoch = epoch;
+        self.order = (0..self.examples.len()).collect();
+        let random = &mut stream(self.seed, ORDER_STREAM + epoch);
+        shuffle(random, &mut self.order);
+    }
+}
+
+impl Source for Recorded {
+    /// The last batch of an epoch is left out if it is not full, but there is at least one.
+    fn steps_per_epoch(&self, batch: usize) -> u64 {
+        (self.examples.len() / batch.max(1)).max(1) as u64
+    }
+
+    fn draw(&mut self, step: u64, batch: usize) -> Vec<Shown> {
+        let steps = self.steps_per_epoch(batch);
+        let epoch = step / steps;
+        if epoch != self.epoch {
+            self.begin_epoch(epoch);
+        }
+        let first = usize::try_from(step % steps).unwrap_or(0) * batch;
+        let mut random = stream(self.seed, MIRROR_STREAM + step);
+        let shown = self.order.iter().skip(first).take(batch);
+        shown
+            .map(|&index| Shown {
+                example: Arc::clone(&self.examples[index]),
+                mirrored: self.mirror && random.next_u32() % 2 == 1,
+            })
+            .collect()
+    }
+}
+
+/// The live stream as a source: each step draws at random from what the buffer holds.
+#[derive(Debug)]
+pub struct Live {
+    /// The newest samples; whoever receives them adds to it between steps.
+    pub replay: Replay,
+    /// Steps that count as an epoch.
+    pub steps_per_epoch: u64,
+    seed: u64,
+    mirror: bool,
+}
+
+impl Live {
+    /// A source that keeps the newest `capacity` samples.
+    pub fn new(capacity: usize, steps_per_epoch: u64, (seed, mirror): (u64, bool)) -> Self {
+        Self {
+            replay: Replay::new(capacity),
+            steps_per_epoch,
+            seed,
+            mirror,
+        }
+    }
+}
+
+impl Source for Live {
+    fn steps_per_epoch(&self, _batch: usize) -> u64 {
+        self.steps_per_epoch.max(1)
+    }
+
+    fn draw(&mut self, step: u64, batch: usize) -> Vec<Shown> {
+        let held = self.replay.examples();
+        if held.is_empty() {
+            return Vec::new();
+        }
+        let mut random = stream(self.seed, DRAW_STREAM + step);
+        (0..batch)
+            .map(|_| Shown {
+                example: Arc::clone(&held[below(&mut random, held.len())]),
+                mirrored: self.mirror && random.next_u32() % 2 == 1,
+            })
+            .collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::example::tests::examples;
+    use std::collections::BTreeMap;
+
+    #[test]
+    fn every_epoch_shows_each_sample_once_in_another_order() {
+        let mut source = Recorded::new(examples(12), 7, false);
+        assert_eq!(source.steps_per_epoch(4), 3);
+        let mut epoch = |number: u64| {
+            let steps = number * 3..number * 3 + 3;
+            let shown = steps.flat_map(|step| source.draw(step, 4));
+            shown
+                .map(|shown| shown.example.path.clone())
+                .collect::<Vec<_>>()
+        };
+        let (first, second) = (epoch(0), epoch(1));
+        assert_ne!(first, second);
+        assert_eq!(first, epoch(0));
+        let key = |path: &Vec<swath_bridge::Pose2>| format!("{path:?}");
+        let count = |epoch: &[Vec<_>]| {
+            let mut counts = BTreeMap::new();
+            for path in epoch {
+                *counts.entry(key(path)).or_insert(0) += 1;
+            }
+            counts
+        };
+        assert_eq!(count(&first), count(&second));
+        assert_eq!(first.len(), 12);
+    }
+
+    #[test]
+    fn a_live_source_shows_nothing_until_something_came() {
+        let mut source = Live::new(8, 10, (1, true));
+        assert!(source.draw(0, 4).is_empty());
+        source.replay.add(crate::example::tests::sample(0));
+        assert_eq!(source.draw(1, 4).len(), 4);
+    }
+}
