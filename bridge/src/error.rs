@@ -34,6 +34,34 @@ pub enum Error {
         /// What is wrong, and where.
         source: CdrError,
     },
+    /// A value of a configuration is out of range.
+    #[error("{field} is {value}, expected {least} to {most}")]
+    InvalidConfig {
+        /// Field of the configuration.
+        field: &'static str,
+        /// Its value.
+        value: f64,
+        /// Least it may be.
+        least: f64,
+        /// Most it may be.
+        most: f64,
+    },
+    /// A pose is not finite, or absurdly far from its frame's origin.
+    #[error("pose ({}, {}, {}) cannot be worked with", pose.x_m, pose.y_m, pose.yaw_rad)]
+    InvalidPose {
+        /// The pose.
+        pose: crate::Pose2,
+    },
+    /// A log lacks what is needed from it.
+    #[error("{}: no {wanted}; the file has {found}", path.display())]
+    MissingTopic {
+        /// Path as it was given.
+        path: PathBuf,
+        /// What was looked for.
+        wanted: String,
+        /// Topics of the file with their types and numbers of messages.
+        found: String,
+    },
     /// A message decodes, but what it says cannot be.
     #[error("not a usable {type_name}: {what}")]
     InvalidMessage {

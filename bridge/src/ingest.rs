@@ -1,0 +1,31 @@
+//! Drive logs to obstacle grids: lidar and odometry in, [`Frame`](crate::Frame)s out.
+//!
+//! [`frames`] reads a log; [`write_grids`] writes what it gives as messages and pictures. [`Mapper`]
+//! is the part that knows no files: sweeps in, grids out.
+//!
+//! What a sweep says is taken in the plane: the odometry's height, roll and pitch are not used, since
+//! many logs have none; the ground is found anew in each sweep instead. Points are not corrected for
+//! the vehicle's motion during a sweep.
+
+mod beams;
+pub mod cloud;
+mod config;
+mod evidence;
+mod frames;
+mod grids;
+mod ground;
+mod mapper;
+pub mod odometry;
+mod polar;
+pub mod scan;
+mod survey;
+pub mod transform;
+
+pub use config::IngestConfig;
+pub use frames::{Frames, IngestReport, frames};
+pub use grids::{
+    GridWriter, MAX_PICTURES, Progress, odometry_message, path_message, picture_of, pose_message,
+    write_grids,
+};
+pub use mapper::Mapper;
+pub use survey::{MAX_TOPICS, SensorKind};

@@ -1,0 +1,197 @@
+//! Grids of a log as a recording that a planner can be fed from, and as pictures.
+
+use std::path::{Path, PathBuf};
+
+use super::config::IngestConfig;
+use super::frames::{Frames, IngestReport, frames};
+use crate::Error;
+use crate::frame::Frame;
+use crate::geometry::Pose2;
+use crate::keys::{self, Topic};
+use crate::msg::geometry::{
+    Point, Pose, PoseStamped, PoseWithCovariance, Quaternion, Twist, TwistWithCovariance, Vector3,
+};
+use crate::msg::header::Header;
+use crate::msg::nav::{OccupancyGrid, Odometry, Path as PathMessage};
+use crate::picture::{BLUE, GREEN, Picture};
+use crate::recording::Writer;
+use crate::vehicle::Vehicle;
+
+/// Most pictures of a log; of longer logs every second, third, ... frame is drawn.
+pub const MAX_PICTURES: u64 = 100;
+/// Pixels of a picture along the side of a cell.
+const PIXELS_A_CELL: u32 = 4;
+/// Frame of the vehicle in the messages that are written.
+const VEHICLE_FRAME: &str = "base_link";
+/// Frame of the odometry in the messages that are written.
+const ODOM_FRAME: &str = "odom";
+
+/// How far a log has been read.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Progress {
+    /// Sweeps read.
+    pub sweeps: u64,
+    /// Sweeps of the log.
+    pub of_sweeps: u64,
+    /// Frames written.
+    pub frames: u64,
+}
+
+/// Writes frames as the messages of a vehicle: grid, odometry and reference.
+#[derive(Debug)]
+pub struct GridWriter {
+    writer: Writer,
+    grid: Topic<OccupancyGrid>,
+    odom: Topic<Odometry>,
+    reference: Topic<PathMessage>,
+}
+
+impl GridWriter {
+    /// Begins a recording of the vehicle of this name.
+    ///
+    /// # Errors
+    /// As [`Writer::create`].
+    pub fn create(path: &Path, vehicle_id: &str) -> Result<Self, Error> {
+        Ok(Self {
+            writer: Writer::create(path)?,
+            grid: keys::grid(vehicle_id),
+            odom: keys::odom(vehicle_id),
+            reference: keys::reference(vehicle_id),
+        })
+    }
+
+    /// Writes a frame.
+    ///
+    /// # Errors
+    /// As [`Writer::write`].
+    pub fn write(&mut self, frame: &Frame) -> Result<(), Error> {
+        let nanos = frame.stamp_nanos;
+        let header = Header::at(nanos, VEHICLE_FRAME);
+        let reference = path_message(&frame.reference, &header);
+        let grid = frame.occupancy.to_message(header);
+        self.writer
+            .write(&self.reference, &reference, nanos, nanos)?;
+        self.writer
+            .write(&self.odom, &odometry_message(frame), nanos, nanos)?;
+        self.writer.write(&self.grid, &grid, nanos, nanos)
+    }
+
+    /// Finishes the file.
+    ///
+    /// # Errors
+    /// As [`Writer::finish`].
+    pub fn finish(self) -> Result<(), Error> {
+        self.writer.finish()
+    }
+}
+
+/// Makes grids of a log and writes them as a recording: grid, odometry and reference of each frame,
+/// and, if there is a directory for them, pictures. `progress` is called for each frame.
+///
+/// # Errors
+/// As [`frames`], [`GridWriter::write`] and [`Picture::write_png`].
+pub fn write_grids(
+    log: &Path,
+    out: &Path,
+    pictures: Option<&Path>,
+    config: &IngestConfig,
+    progress: &mut dyn FnMut(Progress),
+) -> Result<IngestReport, Error> {
+    let mut frames = frames(log, config)?;
+    if let Some(directory) = pictures {
+        std::fs::create_dir_all(directory).map_err(|source| Error::Io {
+            path: directory.to_owned(),
+            source,
+        })?;
+    }
+    let mut writer = GridWriter::create(out, &config.vehicle_id)?;
+    let every = frames.sweeps().div_ceil(MAX_PICTURES).max(1);
+    while let Some(frame) = frames.next() {
+        let frame = frame?;
+        writer.write(&frame)?;
+        let number = frames.report().frames - 1;
+        if let Some(directory) = pictures.filter(|_| number.is_multiple_of(every)) {
+            let path: PathBuf = directory.join(format!("{number:06}.png"));
+            picture_of(&frame, &config.vehicle).write_png(&path)?;
+        }
+        progress(progress_of(&frames));
+    }
+    writer.finish()?;
+    Ok(frames.report().clone())
+}
+
+/// A frame as a picture: the grid, the vehicle, its reference and a scale.
+pub fn picture_of(frame: &Frame, vehicle: &Vehicle) -> Picture {
+    let mut picture = Picture::of(&frame.occupancy, PIXELS_A_CELL);
+    picture.line(&frame.reference, GREEN, 2.0);
+    picture.vehicle(&Pose2::default(), vehicle, BLUE);
+    picture.scale_bar();
+    picture
+}
+
+fn progress_of(frames: &Frames) -> Progress {
+    Progress {
+        sweeps: frames.report().sweeps,
+        of_sweeps: frames.sweeps(),
+        frames: frames.report().frames,
+    }
+}
+
+/// Poses of the vehicle frame as a path message.
+pub fn path_message(poses: &[Pose2], header: &Header) -> PathMessage {
+    PathMessage {
+        header: header.clone(),
+        poses: poses
+            .iter()
+            .map(|pose| PoseStamped {
+                header: header.clone(),
+                pose: pose_message(pose),
+            })
+            .collect(),
+    }
+}
+
+/// A frame's pose and speed as an odometry message.
+pub fn odometry_message(frame: &Frame) -> Odometry {
+    let zero = Vector3 {
+        x: 0.0,
+        y: 0.0,
+        z: 0.0,
+    };
+    Odometry {
+        header: Header::at(frame.stamp_nanos, ODOM_FRAME),
+        child_frame_id: VEHICLE_FRAME.to_owned(),
+        pose: PoseWithCovariance {
+            pose: pose_message(&frame.odom_from_vehicle),
+            covariance: [0.0; 36],
+        },
+        twist: TwistWithCovariance {
+            twist: Twist {
+                linear: Vector3 {
+                    x: frame.speed_m_per_s,
+                    ..zero.clone()
+                },
+                angular: zero,
+            },
+            covariance: [0.0; 36],
+        },
+    }
+}
+
+/// A pose in the plane as a message.
+pub fn pose_message(pose: &Pose2) -> Pose {
+    let (sin, cos) = libm::sincos(pose.yaw_rad / 2.0);
+    Pose {
+        position: Point {
+            x: pose.x_m,
+            y: pose.y_m,
+            z: 0.0,
+        },
+        orientation: Quaternion {
+            x: 0.0,
+            y: 0.0,
+            z: sin,
+            w: cos,
+        },
+    }
+}

@@ -1,0 +1,157 @@
+//! Where the ground is around a 3D lidar, from a single sweep.
+//!
+//! The ground's height at the sensor is the most frequent height below it. From there the ground is
+//! followed outward, bin by bin in each sector: the lowest return of a bin is ground if it continues
+//! what was ground before at no more than a slope. Where there is no such return, because something
+//! hides it or no ring falls there, the height is carried on, and neighbouring sectors repair it as
+//! soon as one of them sees the ground again. Nothing here needs the lidar's height or rings.
+
+use super::cloud::Point;
+use super::polar::{BIN_M, Polar};
+
+/// Beam sectors that share a sector of ground.
+const SECTORS_MERGED: usize = 4;
+/// Beam bins that share a bin of ground.
+const BINS_MERGED: usize = 2;
+/// Roughness and noise of what still counts as one ground, metres.
+const ROUGHNESS_M: f32 = 0.08;
+/// Most that ground may rise over a stretch that was not seen, metres.
+const MAX_UNSEEN_RISE_M: f32 = 0.25;
+/// Most that ground may fall over a stretch that was not seen, metres.
+const MAX_UNSEEN_FALL_M: f32 = 1.0;
+/// How far from seen ground its height is trusted, metres.
+const TRUSTED_M: f32 = 3.0;
+/// Around the sensor, where its height above ground is taken from, metres.
+const NEAR_M: std::ops::Range<f32> = 1.0..15.0;
+/// Ground is at least this far below the sensor, metres.
+const MIN_SENSOR_HEIGHT_M: f32 = 0.15;
+/// Height of a histogram's step, metres.
+const STEP_M: f32 = 0.1;
+/// Steps below the sensor that the histogram covers.
+const STEPS: usize = 60;
+/// Fewest returns that make a height.
+const MIN_RETURNS: u32 = 30;
+
+/// The ground around a sensor.
+#[derive(Debug)]
+pub(crate) struct Ground {
+    bins: usize,
+    /// Height in the vehicle frame, metres, by sector and bin.
+    height_m: Vec<f32>,
+    /// Distance since ground was seen, metres, by sector and bin.
+    unseen_m: Vec<f32>,
+    /// Lowest return of each bin.
+    low_m: Vec<f32>,
+    /// Height below the sensor; kept for sweeps with too few returns.
+    at_sensor_m: Option<f32>,
+}
+
+impl Ground {
+    pub(crate) fn new(polar: &Polar) -> Self {
+        let bins = polar.bins.div_ceil(BINS_MERGED);
+        let len = polar.sectors().div_ceil(SECTORS_MERGED) * bins;
+        Self {
+            bins,
+            height_m: vec![0.0; len],
+            unseen_m: vec![0.0; len],
+            low_m: vec![f32::INFINITY; len],
+            at_sensor_m: None,
+        }
+    }
+
+    /// Index of the bin of ground below a beam's bin.
+    pub(crate) const fn index(&self, sector: usize, bin: usize) -> usize {
+        sector / SECTORS_MERGED * self.bins + bin / BINS_MERGED
+    }
+
+    /// Height of the ground, metres in the vehicle frame.
+    pub(crate) fn height_m(&self, index: usize) -> f32 {
+        self.height_m[index]
+    }
+
+    /// Whether ground was seen here or near by.
+    pub(crate) fn is_trusted(&self, index: usize) -> bool {
+        self.unseen_m[index] <= TRUSTED_M
+    }
+
+    /// Finds the ground of a sweep. `places` are the sector and bin of each point.
+    pub(crate) fn find(
+        &mut self,
+        points: &[Point],
+        places: &[(u16, u16)],
+        (sensor, max_slope): (Point, f32),
+    ) {
+        let at_sensor_m = height_at_sensor(points, places, sensor)
+            .or(self.at_sensor_m)
+            .unwrap_or_else(|| sensor[2].min(0.0));
+        self.at_sensor_m = Some(at_sensor_m);
+        self.low_m.fill(f32::INFINITY);
+        for (point, &(sector, bin)) in points.iter().zip(places) {
+            let index = self.index(usize::from(sector), usize::from(bin));
+            // Reflections that seem to come from below the ground are left out.
+            let range_m = f32::from(bin) * BIN_M;
+            let lowest_m = at_sensor_m - MAX_UNSEEN_FALL_M - max_slope * range_m;
+            if point[2] >= lowest_m && point[2] < self.low_m[index] {
+                self.low_m[index] = point[2];
+            }
+        }
+        self.follow_outward(at_sensor_m, max_slope);
+    }
+
+    fn follow_outward(&mut self, at_sensor_m: f32, max_slope: f32) {
+        let depth_m = BIN_M * BINS_MERGED as f32;
+        let sectors = self.height_m.len() / self.bins;
+        for bin in 0..self.bins {
+            for sector in 0..sectors {
+                let index = sector * self.bins + bin;
+                let (before_m, unseen_m) = if bin == 0 {
+                    (at_sensor_m, 0.0)
+                } else {
+                    let left = (sector + 1) % sectors * self.bins + bin - 1;
+                    let right = (sector + sectors - 1) % sectors * self.bins + bin - 1;
+                    let [left_m, own_m, right_m] =
+                        [left, index - 1, right].map(|index| self.height_m[index]);
+                    let unseen_m = self.unseen_m[index - 1]
+                        .min(self.unseen_m[left])
+                        .min(self.unseen_m[right]);
+                    (middle(left_m, own_m, right_m), unseen_m + depth_m)
+                };
+                let step_m = self.low_m[index] - before_m;
+                let slack_m = max_slope * unseen_m;
+                let is_ground = step_m <= ROUGHNESS_M + slack_m.min(MAX_UNSEEN_RISE_M)
+                    && step_m >= -ROUGHNESS_M - slack_m.min(MAX_UNSEEN_FALL_M);
+                (self.height_m[index], self.unseen_m[index]) = if is_ground {
+                    (self.low_m[index], 0.0)
+                } else {
+                    (before_m, unseen_m)
+                };
+            }
+        }
+    }
+}
+
+/// The most frequent height below the sensor and near it; between equal ones the lowest.
+#[expect(
+    clippy::cast_possible_truncation,
+    clippy::cast_sign_loss,
+    reason = "only steps within the histogram are cast"
+)]
+fn height_at_sensor(points: &[Point], places: &[(u16, u16)], sensor: Point) -> Option<f32> {
+    let mut counts = [0u32; STEPS];
+    let near = (NEAR_M.start / BIN_M) as u16..(NEAR_M.end / BIN_M) as u16;
+    for (point, (_, bin)) in points.iter().zip(places) {
+        let below = (sensor[2] - point[2]) / STEP_M;
+        if near.contains(bin) && below >= MIN_SENSOR_HEIGHT_M / STEP_M && below < STEPS as f32 {
+            counts[below as usize] += 1;
+        }
+    }
+    // Two steps together, so that ground on the border between two is not split.
+    let pairs = counts.windows(2).map(|pair| pair[0] + pair[1]).enumerate();
+    let (step, count) = pairs.max_by_key(|(step, count)| (*count, *step))?;
+    let upper_part = counts[step] as f32 / count.max(1) as f32;
+    (count >= MIN_RETURNS).then(|| sensor[2] - STEP_M * (step as f32 + 1.5 - upper_part))
+}
+
+fn middle(a: f32, b: f32, c: f32) -> f32 {
+    a.max(b).min(a.min(b).max(c))
+}
