@@ -130,33 +130,11 @@ impl Collector {
             wanted,
             found: found.clone(),
         };
-        let find = |type_name: &str, named: Option<&str>| match named {
-            Some(name) => match self.topic_named(name, type_name) {
-                Some(topic) => Ok(Some(topic)),
-                None => Err(missing(format!("{type_name} on {name:?}"))),
-            },
-            None => Ok(self.busiest(type_name)),
-        };
-        let points_name = config.points_topic.as_deref();
-        let scan_name = config.scan_topic.as_deref();
-        let points = match scan_name {
-            Some(_) if points_name.is_none() => None,
-            _ => find(PointCloud2::TYPE_NAME, points_name)?,
-        };
-        let sensor = match points {
-            Some(points) => Some((points, SensorKind::Points)),
-            None => find(LaserScan::TYPE_NAME, scan_name)?.map(|scan| (scan, SensorKind::Scan)),
-        };
-        let Some((sensor_topic, kind)) = sensor else {
-            return Err(missing(format!(
-                "{} or {}",
-                PointCloud2::TYPE_NAME,
-                LaserScan::TYPE_NAME
-            )));
-        };
-        let Some(odom_topic) = find(Odometry::TYPE_NAME, config.odom_topic.as_deref())? else {
-            return Err(missing(Odometry::TYPE_NAME.to_owned()));
-        };
+        let (sensor_topic, kind) = self.sensor(config).map_err(missing)?;
+        let odom_topic = self
+            .find(Odometry::TYPE_NAME, config.odom_topic.as_deref())
+            .and_then(|topic| topic.ok_or_else(|| Odometry::TYPE_NAME.to_owned()))
+            .map_err(missing)?;
         let sweeps = self
             .topics
             .get(&sensor_topic)
@@ -201,6 +179,36 @@ impl Collector {
             has_stamps,
             bad_messages: self.bad_messages,
         })
+    }
+
+    /// The topic that grids are made from: points before scans, unless a scan is named. The error
+    /// says what was looked for.
+    fn sensor(&self, config: &IngestConfig) -> Result<(String, SensorKind), String> {
+        let (points, scan) = (config.points_topic.as_deref(), config.scan_topic.as_deref());
+        if (points.is_some() || scan.is_none())
+            && let Some(topic) = self.find(PointCloud2::TYPE_NAME, points)?
+        {
+            return Ok((topic, SensorKind::Points));
+        }
+        match self.find(LaserScan::TYPE_NAME, scan)? {
+            Some(topic) => Ok((topic, SensorKind::Scan)),
+            None => Err(format!(
+                "{} or {}",
+                PointCloud2::TYPE_NAME,
+                LaserScan::TYPE_NAME
+            )),
+        }
+    }
+
+    /// The topic of a type that is named, or else the busiest one, if there is any.
+    fn find(&self, type_name: &str, named: Option<&str>) -> Result<Option<String>, String> {
+        match named {
+            None => Ok(self.busiest(type_name)),
+            Some(name) => match self.topic_named(name, type_name) {
+                Some(topic) => Ok(Some(topic)),
+                None => Err(format!("{type_name} on {name:?}")),
+            },
+        }
     }
 
     /// A topic by its name, with or without the slash in front.
