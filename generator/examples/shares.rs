@@ -17,6 +17,7 @@ struct Row {
     steps: Vec<u64>,
     times_ms: Vec<f64>,
     obstacles: u64,
+    goals_m: Vec<f32>,
 }
 
 fn main() -> Result<(), Box<dyn Error>> {
@@ -35,6 +36,7 @@ fn main() -> Result<(), Box<dyn Error>> {
             row.outcomes[usize::from(sample.outcome)] += 1;
             row.steps.push(sample.steps);
             row.times_ms.push(time_ms);
+            row.goals_m.push(sample.goal.x_m.hypot(sample.goal.y_m));
             row.obstacles += sample
                 .obstacles
                 .iter()
@@ -45,22 +47,26 @@ fn main() -> Result<(), Box<dyn Error>> {
     let mut out = std::io::stdout().lock();
     writeln!(
         out,
-        "scene: {:?}; steps median, p90; ms mean, p90; cells",
+        "scene: {:?}; steps median, p90; ms mean, p90; cells; metres p10, median, p90",
         Outcome::ALL.map(Outcome::name)
     )?;
     for (name, row) in &mut rows {
         row.steps.sort_unstable();
         row.times_ms.sort_by(f64::total_cmp);
+        row.goals_m.sort_by(f32::total_cmp);
         let count = row.steps.len();
         let mean_ms = row.times_ms.iter().sum::<f64>() / count as f64;
         writeln!(
             out,
-            "{name:10} {:?}  {:6} {:6}  {mean_ms:6.1} {:6.1}  {}",
+            "{name:10} {:?}  {:6} {:6}  {mean_ms:6.1} {:6.1}  {}  {:.0} {:.0} {:.0}",
             row.outcomes,
             row.steps[count / 2],
             row.steps[count * 9 / 10],
             row.times_ms[count * 9 / 10],
             row.obstacles / count as u64,
+            row.goals_m[count / 10],
+            row.goals_m[count / 2],
+            row.goals_m[count * 9 / 10],
         )?;
     }
     Ok(())

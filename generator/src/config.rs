@@ -11,15 +11,18 @@ pub use scenes::{
 };
 
 use crate::Error;
+use crate::scene::SceneKind;
 
 /// A uniform distribution, or the ends of an interval: lowest and highest value.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Span(pub f64, pub f64);
 
 /// Everything that decides what the samples of a seed are.
-#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct GeneratorConfig {
+    /// Kinds of scenes, which take turns; a kind that is named twice has twice the share.
+    pub kinds: Vec<SceneKind>,
     /// Size of the planes.
     pub grid: GridSpec,
     /// Dimensions of the vehicle.
@@ -50,6 +53,28 @@ pub struct GeneratorConfig {
     pub label: LabelConfig,
 }
 
+impl Default for GeneratorConfig {
+    fn default() -> Self {
+        Self {
+            kinds: SceneKind::ALL.to_vec(),
+            grid: GridSpec::default(),
+            vehicle: Vehicle::default(),
+            ego: EgoConfig::default(),
+            road: RoadConfig::default(),
+            roadside: RoadsideConfig::default(),
+            traffic: TrafficConfig::default(),
+            turn: TurnConfig::default(),
+            narrow: NarrowConfig::default(),
+            parking: ParkingConfig::default(),
+            clutter: ClutterConfig::default(),
+            lidar: LidarConfig::default(),
+            augment: AugmentConfig::default(),
+            targets: TargetConfig::default(),
+            label: LabelConfig::default(),
+        }
+    }
+}
+
 /// How the vehicle stands and moves on its lane.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
@@ -74,7 +99,7 @@ impl Default for EgoConfig {
             offset_m: 0.25,
             heading_rad: 0.03,
             room_m: 0.45,
-            slow_share: 0.6,
+            slow_share: 0.7,
             slow_m_per_s: 1.4,
             fastest_m_per_s: 4.5,
         }
@@ -218,6 +243,8 @@ impl Default for LabelConfig {
     }
 }
 
+/// Most entries of the list of kinds.
+const MAX_KINDS: usize = 1024;
 /// Most rays of a sweep.
 const MAX_RAYS: u32 = 8192;
 /// Most sweeps of an accumulation.
@@ -237,6 +264,10 @@ impl GeneratorConfig {
     pub fn validate(&self) -> Result<(), Error> {
         self.grid.validate()?;
         self.vehicle.validate()?;
+        if !(1..=MAX_KINDS).contains(&self.kinds.len()) {
+            let count = self.kinds.len() as f64;
+            return Err(out_of_range("kinds", count, Span(1.0, MAX_KINDS as f64)));
+        }
         let lidar = &self.lidar;
         if !(16..=MAX_RAYS).contains(&lidar.rays) {
             return Err(out_of_range(
@@ -356,8 +387,11 @@ mod tests {
 
     #[test]
     fn a_file_may_name_just_what_it_changes_but_nothing_unknown() {
-        let config: GeneratorConfig =
-            toml::from_str("[lidar]\nrays = 360\n[road]\nlane_m = [3.0, 3.0]\n").unwrap();
+        let config: GeneratorConfig = toml::from_str(
+            "kinds = [\"s-shaped\"]\n[lidar]\nrays = 360\n[road]\nlane_m = [3.0, 3.0]\n",
+        )
+        .unwrap();
+        assert_eq!(config.kinds, [SceneKind::SShaped]);
         assert_eq!(config.lidar.rays, 360);
         assert_eq!(config.road.lane_m, Span(3.0, 3.0));
         assert_eq!(config.targets, TargetConfig::default());
@@ -370,6 +404,10 @@ mod tests {
         config.lidar.dropout = f64::NAN;
         let error = config.validate().unwrap_err().to_string();
         assert!(error.contains("lidar.dropout"), "{error}");
+        let mut config = GeneratorConfig::default();
+        config.kinds.clear();
+        let error = config.validate().unwrap_err().to_string();
+        assert!(error.contains("kinds"), "{error}");
         let mut config = GeneratorConfig::default();
         config.road.lane_m = Span(4.0, 3.0);
         let error = config.validate().unwrap_err().to_string();

@@ -113,9 +113,10 @@ pub(crate) fn footprint(vehicle: &Vehicle, pose: &Pose2) -> Footprint {
 }
 
 impl Scene {
-    /// The procedural scene of a seed and an index. Kinds take turns, so their shares are equal.
+    /// The procedural scene of a seed and an index. The configured kinds take
+    /// turns.
     pub fn procedural(seed: u64, index: u64, config: &GeneratorConfig) -> Self {
-        let kind = SceneKind::of_index(index);
+        let kind = SceneKind::of_index(&config.kinds, index);
         let mut site = Site::new(config, Dice::new(seed, Purpose::Scene, index, 0));
         let layout = match kind {
             SceneKind::Straight => road::straight(&mut site),

@@ -1,13 +1,17 @@
 //! The kinds of scenes of the default mix.
 
+use serde::{Deserialize, Serialize};
+
 /// A kind of procedural scene.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
 pub enum SceneKind {
     /// A straight road.
     Straight,
     /// A road with one bend.
     Curved,
     /// A road with bends to either side.
+    #[serde(rename = "s-shaped")]
     SShaped,
     /// An intersection: left, right or straight on.
     Turn,
@@ -31,10 +35,10 @@ impl SceneKind {
         Self::Clutter,
     ];
 
-    /// The kind of the scene at an index: equal shares in any seven that follow one another.
-    pub fn of_index(index: u64) -> Self {
-        let turn = usize::try_from(index % Self::ALL.len() as u64).unwrap_or(0);
-        Self::ALL[turn]
+    /// The kind of the scene at an index where `kinds` take turns: equal shares in any run of scenes.
+    pub fn of_index(kinds: &[Self], index: u64) -> Self {
+        let turn = usize::try_from(index % kinds.len().max(1) as u64).unwrap_or(0);
+        kinds.get(turn).copied().unwrap_or(Self::Straight)
     }
 
     /// The name in samples, reports and tables.
