@@ -285,12 +285,14 @@ impl GeneratorConfig {
                 return Err(out_of_range(field, value, allowed));
             }
         }
-        for (field, span) in self.spans() {
-            let ordered = span.0.is_finite() && span.1.is_finite() && span.0 <= span.1;
-            if !ordered || span.0.abs().max(span.1.abs()) > 1000.0 {
+        for (field, span, allowed) in self.spans() {
+            if !(span.0 >= allowed.0 && span.0 <= span.1 && span.1 <= allowed.1) {
                 return Err(Error::Config {
                     field,
-                    what: format!("[{}, {}] is not a span within 1000", span.0, span.1),
+                    what: format!(
+                        "[{}, {}], expected two ascending numbers from {} to {}",
+                        span.0, span.1, allowed.0, allowed.1
+                    ),
                 });
             }
         }
@@ -319,13 +321,19 @@ impl GeneratorConfig {
     }
 
     /// The same of what makes samples out of scenes.
-    fn sample_ranges(&self) -> [(&'static str, f64, Span); 17] {
+    fn sample_ranges(&self) -> [(&'static str, f64, Span); 23] {
         let (augment, targets, label) = (&self.augment, &self.targets, &self.label);
         let (radius, angle, step) = (Span(0.0, 20.0), Span(0.0, 4.0), Span(0.1, 1000.0));
         let expansions = label.max_expansions as f64;
         [
             ("lidar.clear_m", self.lidar.clear_m, DISTANCE),
-            ("augment.vehicles", augment.vehicles.1, Span(0.0, 200.0)),
+            ("road.strip_share", self.road.strip_share, SHARE),
+            ("road.median_share", self.road.median_share, SHARE),
+            ("roadside.tree_share", self.roadside.tree_share, SHARE),
+            ("turn.through_share", self.turn.through_share, SHARE),
+            ("turn.three_arm_share", self.turn.three_arm_share, SHARE),
+            ("parking.angled_share", self.parking.angled_share, SHARE),
+            ("clutter.walled_share", self.clutter.walled_share, SHARE),
             ("augment.offset_m", augment.offset_m, DISTANCE),
             ("augment.heading_rad", augment.heading_rad, angle),
             ("augment.cut_share", augment.cut_share, SHARE),
@@ -348,12 +356,12 @@ impl GeneratorConfig {
         ]
     }
 
-    /// Every span, with the name of its field.
-    fn spans(&self) -> Vec<(&'static str, Span)> {
+    /// Every span, with the name of its field and the values that it may hold.
+    fn spans(&self) -> Vec<(&'static str, Span, Span)> {
         let mut spans = vec![
-            ("augment.vehicles", self.augment.vehicles),
-            ("augment.along_m", self.augment.along_m),
-            ("targets.along_m", self.targets.along_m),
+            ("augment.vehicles", self.augment.vehicles, Span(0.0, 200.0)),
+            ("augment.along_m", self.augment.along_m, Span(-100.0, 100.0)),
+            ("targets.along_m", self.targets.along_m, Span(0.0, 100.0)),
         ];
         spans.extend(self.road.spans());
         spans.extend(self.roadside.spans());
@@ -375,7 +383,10 @@ fn out_of_range(field: &'static str, value: f64, allowed: Span) -> Error {
 
 #[cfg(test)]
 mod tests {
+    use proptest::prelude::*;
+
     use super::*;
+    use crate::dice::{Dice, Purpose};
 
     #[test]
     fn the_default_configuration_is_valid_and_survives_toml() {
@@ -412,5 +423,31 @@ mod tests {
         config.road.lane_m = Span(4.0, 3.0);
         let error = config.validate().unwrap_err().to_string();
         assert!(error.contains("road.lane_m"), "{error}");
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(48))]
+
+        #[test]
+        fn any_valid_configuration_makes_samples(seed: u64, index in 0..70u64, draws: u64) {
+            let mut config = GeneratorConfig::default();
+            let mut dice = Dice::new(draws, Purpose::Scene, 0, 0);
+            let mut text = toml::Table::try_from(&config).unwrap();
+            for (field, _, allowed) in config.spans() {
+                // Mostly the default, so that one odd value is not hidden by another.
+                if !dice.chance(0.2) {
+                    continue;
+                }
+                let ends = [dice.within(allowed), dice.within(allowed)];
+                let span = [ends[0].min(ends[1]), ends[0].max(ends[1])];
+                let (section, key) = field.split_once('.').unwrap();
+                let section = text.get_mut(section).and_then(toml::Value::as_table_mut).unwrap();
+                section.insert(key.to_owned(), toml::Value::try_from(span).unwrap());
+            }
+            config = text.try_into().unwrap();
+            config.label.max_expansions = 500;
+            let sample = crate::generate_sample(seed, index, &config).unwrap();
+            prop_assert_eq!(sample.index, index);
+        }
     }
 }

@@ -57,8 +57,7 @@ impl Drive {
     /// Whether the vehicle can go on in this scene.
     fn goes_on(&self, later: &Scene) -> bool {
         let driven_m = later.speed_m_per_s * self.time_s();
-        let is_still = self.scene.speed_m_per_s <= 0.0 || !self.scene.known.is_empty();
-        !is_still
+        !self.scene.is_recorded
             && self.frame_in_scene < MAX_FRAMES
             && driven_m <= LONGEST_M
             && has_room(later, &self.generator.config().vehicle)

@@ -96,6 +96,7 @@ impl LogScenes {
 fn empty() -> Scene {
     Scene {
         name: "empty".to_owned(),
+        is_recorded: true,
         known: Arc::from([]),
         solids: Vec::new(),
         movers: Vec::new(),
@@ -132,8 +133,7 @@ fn scene_of(name: &str, frame: &Frame) -> Option<Scene> {
         ego_from_reference: course.at(0.0).inverse(),
         reference: course,
         lanes_m: vec![0.0, 3.2, -3.2],
-        // The vehicle stands still as far as the lidar is concerned: the log's own sweeps are in
-        // its map already. Its speed is one that the search can turn at.
+        // A pace at which the search can turn: the log's own path need not be followed here.
         speed_m_per_s: 1.4,
         ..empty()
     })

@@ -8,7 +8,7 @@ use std::sync::Arc;
 
 use swath_bridge::msg::header::Header;
 use swath_bridge::msg::swath::{PlanarPose, Sample};
-use swath_bridge::{Frame, Outcome, Pose2};
+use swath_bridge::{Cell, Frame, Outcome, Pose2};
 use swath_planner::search::{Limits, SearchMemory, TargetResult, search};
 use swath_planner::{CollisionMap, MotionModel, Plane, Successors};
 
@@ -16,7 +16,7 @@ use crate::config::GeneratorConfig;
 use crate::dice::{Dice, Purpose};
 use crate::lidar::{Lidar, World};
 use crate::logs::LogScenes;
-use crate::scene::{Moment, Scene};
+use crate::scene::{Moment, Scene, footprint};
 use crate::{Error, augment, targets};
 
 /// Samples that share a target.
@@ -103,8 +103,7 @@ impl Generator {
     pub(crate) fn frame_of(&self, scene: &Scene, dice: &mut Dice) -> Frame {
         let trail = scene.trail(self.config.lidar.history_s, self.config.lidar.period_s);
         let mut occupancy = self.lidar.look_around(&world_of(scene, &trail), dice);
-        for &[x_m, y_m] in scene.known.iter() {
-            let cell = self.config.grid.cell_at(x_m, y_m);
+        for cell in self.known_cells(scene) {
             occupancy.set(cell, swath_bridge::OCCUPIED);
         }
         Frame {
@@ -174,10 +173,19 @@ impl Generator {
         let trail = scene.trail(self.config.lidar.history_s, self.config.lidar.period_s);
         let occupancy = self.lidar.look(&world_of(scene, &trail), dice);
         let mut plane = Plane::from_occupancy(&occupancy, OCCUPIED_FROM, false);
-        for &[x_m, y_m] in scene.known.iter() {
-            plane.set(self.config.grid.cell_at(x_m, y_m));
+        for cell in self.known_cells(scene) {
+            plane.set(cell);
         }
         plane
+    }
+
+    /// The cells that a log's map has occupied, but for those that the vehicle stands on: the log's
+    /// own vehicle may have been smaller, or its map late.
+    fn known_cells<'a>(&'a self, scene: &'a Scene) -> impl Iterator<Item = Cell> + 'a {
+        let grid = &self.config.grid;
+        let own = footprint(&self.config.vehicle, &Pose2::default()).grown(1.5 * grid.resolution_m);
+        let known = scene.known.iter().filter(move |&&point| !own.holds(point));
+        known.map(|&[x_m, y_m]| grid.cell_at(x_m, y_m))
     }
 
     /// The optimal path to a goal among obstacles.

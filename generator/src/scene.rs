@@ -51,6 +51,8 @@ pub struct Mover {
 pub struct Scene {
     /// Kind of scene, or the name of the log it came from.
     pub name: String,
+    /// Whether it is a moment of a log, whose map holds what the past has seen.
+    pub is_recorded: bool,
     /// Centres of the cells that a log's map has occupied; empty in a procedural scene.
     pub known: Arc<[[f64; 2]]>,
     /// What stands still.
@@ -173,6 +175,7 @@ impl Scene {
         let (begin_m, _) = self.reference.span_m();
         Self {
             name: self.name.clone(),
+            is_recorded: self.is_recorded,
             known: Arc::clone(&self.known),
             solids: solids.collect(),
             movers: movers.collect(),
@@ -187,8 +190,10 @@ impl Scene {
         }
     }
 
-    /// The vehicle's way over the last `history_s`, oldest first, the last one now.
+    /// The vehicle's way over the last `history_s`, oldest first, the last one now. In a moment of a
+    /// log there is nothing but now.
     pub fn trail(&self, history_s: f64, period_s: f64) -> Vec<Moment> {
+        let history_s = if self.is_recorded { 0.0 } else { history_s };
         let mut trail: Vec<Moment> = (0..crate::config::MAX_SWEEPS)
             .map(|sweep| -(sweep as f64) * period_s)
             .take_while(|time_s| *time_s >= -history_s)

@@ -4,13 +4,17 @@ use serde::{Deserialize, Serialize};
 
 use super::Span;
 
-/// Gives a configuration its default and the list of its spans from one table.
+/// Lists the spans of a configuration and the values that they may hold, from one table.
 macro_rules! spans_of {
-    ($config:ty, $section:literal: $($field:ident),+ $(,)?) => {
+    ($config:ty, $section:literal: $($field:ident $low:literal $high:literal),+ $(,)?) => {
         impl $config {
-            /// Every span, with the name of its field.
-            pub(super) fn spans(&self) -> Vec<(&'static str, Span)> {
-                vec![$((concat!($section, ".", stringify!($field)), self.$field)),+]
+            /// Every span, with the name of its field and the values that it may hold.
+            pub(super) fn spans(&self) -> Vec<(&'static str, Span, Span)> {
+                vec![$((
+                    concat!($section, ".", stringify!($field)),
+                    self.$field,
+                    Span($low, $high),
+                )),+]
             }
         }
     };
@@ -80,9 +84,23 @@ impl Default for RoadConfig {
     }
 }
 
-spans_of!(RoadConfig, "road": lane_m, lanes_left, lanes_right, shoulder_m, strip_m,
-    straight_per_m, bend_per_m, bend_rad, bend_at_m, ease_m, s_per_m, s_rad, s_gap_m,
-    kerb_gap_every_m, kerb_gap_m);
+spans_of!(RoadConfig, "road":
+    lane_m 1.0 20.0,
+    lanes_left 0.0 8.0,
+    lanes_right 0.0 8.0,
+    shoulder_m 0.0 20.0,
+    strip_m 0.0 20.0,
+    straight_per_m 0.0 0.02,
+    bend_per_m 0.001 0.5,
+    bend_rad 0.01 3.0,
+    bend_at_m -25.0 100.0,
+    ease_m 0.5 100.0,
+    s_per_m 0.001 0.5,
+    s_rad 0.01 1.5,
+    s_gap_m 0.0 100.0,
+    kerb_gap_every_m 1.0 500.0,
+    kerb_gap_m 0.0 100.0,
+);
 
 /// What stands beside roads.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -124,8 +142,16 @@ impl Default for RoadsideConfig {
     }
 }
 
-spans_of!(RoadsideConfig, "roadside": wall_setback_m, wall_thickness_m, house_setback_m,
-    house_front_m, house_depth_m, house_gap_m, tree_every_m, tree_radius_m);
+spans_of!(RoadsideConfig, "roadside":
+    wall_setback_m 0.0 50.0,
+    wall_thickness_m 0.0 5.0,
+    house_setback_m 0.0 50.0,
+    house_front_m 1.0 100.0,
+    house_depth_m 1.0 100.0,
+    house_gap_m 0.0 100.0,
+    tree_every_m 0.5 100.0,
+    tree_radius_m 0.01 5.0,
+);
 
 /// Parked and moving vehicles.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -158,8 +184,14 @@ impl Default for TrafficConfig {
     }
 }
 
-spans_of!(TrafficConfig, "traffic": strip_taken, strip_gap_m, standing, moving, speed_m_per_s,
-    people);
+spans_of!(TrafficConfig, "traffic":
+    strip_taken 0.0 1.0,
+    strip_gap_m 0.1 100.0,
+    standing 0.0 100.0,
+    moving 0.0 100.0,
+    speed_m_per_s 0.0 50.0,
+    people 0.0 100.0,
+);
 
 /// Intersections.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -198,8 +230,14 @@ impl Default for TurnConfig {
     }
 }
 
-spans_of!(TurnConfig, "turn": begin_m, left_radius_m, right_radius_m, turn_rad, lanes,
-    corner_radius_m);
+spans_of!(TurnConfig, "turn":
+    begin_m 0.0 80.0,
+    left_radius_m 1.0 50.0,
+    right_radius_m 1.0 50.0,
+    turn_rad 0.3 2.6,
+    lanes 1.0 6.0,
+    corner_radius_m 0.0 30.0,
+);
 
 /// Narrow passages.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -244,8 +282,18 @@ impl Default for NarrowConfig {
     }
 }
 
-spans_of!(NarrowConfig, "narrow": alley_m, alley_per_m, gate_m, gate_every_m, gate_offset_m,
-    ground_m, detour_gap_m, detour_every_m, works_m, beacon_every_m);
+spans_of!(NarrowConfig, "narrow":
+    alley_m 0.5 30.0,
+    alley_per_m 0.0 0.2,
+    gate_m 0.0 30.0,
+    gate_every_m 1.0 100.0,
+    gate_offset_m 0.0 20.0,
+    ground_m 1.0 60.0,
+    detour_gap_m 0.0 30.0,
+    detour_every_m 1.0 100.0,
+    works_m 0.0 20.0,
+    beacon_every_m 0.5 100.0,
+);
 
 /// Parking lots.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -284,8 +332,15 @@ impl Default for ParkingConfig {
     }
 }
 
-spans_of!(ParkingConfig, "parking": aisle_m, slot_width_m, slot_length_m, taken, angle_rad,
-    radius_m, block_m);
+spans_of!(ParkingConfig, "parking":
+    aisle_m 2.0 30.0,
+    slot_width_m 1.5 10.0,
+    slot_length_m 2.0 20.0,
+    taken 0.0 1.0,
+    angle_rad 0.3 1.571,
+    radius_m 1.0 30.0,
+    block_m 3.0 200.0,
+);
 
 /// Open ground with things on it.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -318,4 +373,10 @@ impl Default for ClutterConfig {
     }
 }
 
-spans_of!(ClutterConfig, "clutter": things, box_m, disc_m, wall_m, curvature_per_m);
+spans_of!(ClutterConfig, "clutter":
+    things 0.0 2000.0,
+    box_m 0.05 20.0,
+    disc_m 0.05 20.0,
+    wall_m 0.1 50.0,
+    curvature_per_m 0.0 0.2,
+);

@@ -149,6 +149,7 @@ impl<'a> Site<'a> {
         let vehicle_from_road = road_from_vehicle.inverse();
         let mut scene = Scene {
             name: kind.name().to_owned(),
+            is_recorded: false,
             known: Arc::from([]),
             solids: Vec::new(),
             movers: Vec::new(),
