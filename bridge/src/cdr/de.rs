@@ -58,29 +58,37 @@ impl<'de> Reader<'de> {
     }
 
     fn take(&mut self, count: usize, what: &'static str) -> Result<&'de [u8], CdrError> {
-        let left = self.payload.len() - self.offset;
-        if count > left {
-            return Err(CdrError::Truncated {
-                what,
-                offset: self.offset,
-                wanted: count - left,
-                len: self.payload.len(),
-            });
-        }
-        let bytes = &self.payload[self.offset..self.offset + count];
+        let found = self.payload[self.offset..].split_at_checked(count);
+        let Some((bytes, _)) = found else {
+            return Err(self.truncated(count, what));
+        };
         self.offset += count;
         Ok(bytes)
     }
 
+    /// Bytes of a number of `N` bytes, a power of two, in little-endian order.
+    #[inline]
     fn number<const N: usize>(&mut self, what: &'static str) -> Result<[u8; N], CdrError> {
-        let body = self.offset - ENCAPSULATION_BYTES;
-        self.take(body.next_multiple_of(N) - body, what)?;
-        let mut bytes = [0; N];
-        bytes.copy_from_slice(self.take(N, what)?);
+        let padding = (self.offset - ENCAPSULATION_BYTES).wrapping_neg() & (N - 1);
+        let found = self.payload.get(self.offset + padding..);
+        let Some(&(mut bytes)) = found.and_then(<[u8]>::first_chunk::<N>) else {
+            return Err(self.truncated(padding + N, what));
+        };
+        self.offset += padding + N;
         if self.big_endian {
             bytes.reverse();
         }
         Ok(bytes)
+    }
+
+    #[cold]
+    fn truncated(&self, count: usize, what: &'static str) -> CdrError {
+        CdrError::Truncated {
+            what,
+            offset: self.offset,
+            wanted: count - (self.payload.len() - self.offset),
+            len: self.payload.len(),
+        }
     }
 
     /// Reads a length. Every element takes at least one byte, so more cannot be meant.
@@ -134,7 +142,8 @@ impl de::Error for CdrError {
 
 macro_rules! read_number {
     ($($method:ident, $visit:ident: $type:ty),* $(,)?) => {
-        $(fn $method<V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, CdrError> {
+        $(#[inline]
+        fn $method<V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, CdrError> {
             let bytes = self.number(stringify!($type))?;
             visitor.$visit(<$type>::from_le_bytes(bytes))
         })*
@@ -268,6 +277,7 @@ struct Parts<'a, 'de> {
 impl<'de> de::SeqAccess<'de> for Parts<'_, 'de> {
     type Error = CdrError;
 
+    #[inline]
     fn next_element_seed<T: DeserializeSeed<'de>>(
         &mut self,
         seed: T,

@@ -22,14 +22,13 @@ struct Writer {
 }
 
 impl Writer {
-    fn align(&mut self, to: usize) {
-        let body = self.bytes.len() - LITTLE_ENDIAN.len();
-        self.bytes
-            .resize(LITTLE_ENDIAN.len() + body.next_multiple_of(to), 0);
-    }
-
+    /// Appends a number of `N` bytes, a power of two, behind what its alignment needs.
+    #[inline]
     fn put<const N: usize>(&mut self, bytes: [u8; N]) {
-        self.align(N);
+        let padding = (self.bytes.len() - LITTLE_ENDIAN.len()).wrapping_neg() & (N - 1);
+        if padding > 0 {
+            self.bytes.extend_from_slice(&[0; 8][..padding]);
+        }
         self.bytes.extend_from_slice(&bytes);
     }
 
@@ -58,7 +57,8 @@ impl ser::Error for CdrError {
 
 macro_rules! put_number {
     ($($method:ident: $type:ty),* $(,)?) => {
-        $(fn $method(self, value: $type) -> Result<(), CdrError> {
+        $(#[inline]
+        fn $method(self, value: $type) -> Result<(), CdrError> {
             self.put(value.to_le_bytes());
             Ok(())
         })*
