@@ -64,6 +64,12 @@ pub enum Error {
         /// The system's word.
         source: std::io::Error,
     },
+    /// A thread that trained was lost.
+    #[error("the thread that trains was lost: {what}")]
+    Lost {
+        /// What is known of it.
+        what: String,
+    },
     /// Error of the planner.
     #[error(transparent)]
     Planner(#[from] swath_planner::Error),

@@ -9,6 +9,7 @@ mod error;
 mod evaluate;
 mod example;
 mod loss;
+pub mod node;
 mod optimiser;
 mod random;
 mod schedule;

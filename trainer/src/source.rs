@@ -116,10 +116,10 @@ pub struct Live {
 }
 
 impl Live {
-    /// A source that keeps the newest `capacity` samples.
-    pub fn new(capacity: usize, steps_per_epoch: u64, (seed, mirror): (u64, bool)) -> Self {
+    /// A source that draws from `replay`.
+    pub const fn new(replay: Replay, steps_per_epoch: u64, (seed, mirror): (u64, bool)) -> Self {
         Self {
-            replay: Replay::new(capacity),
+            replay,
             steps_per_epoch,
             seed,
             mirror,
@@ -181,7 +181,7 @@ mod tests {
 
     #[test]
     fn a_live_source_shows_nothing_until_something_came() {
-        let mut source = Live::new(8, 10, (1, true));
+        let mut source = Live::new(Replay::new(8), 10, (1, true));
         assert!(source.draw(0, 4).is_empty());
         source.replay.add(crate::example::tests::sample(0));
         assert_eq!(source.draw(1, 4).len(), 4);

@@ -228,6 +228,11 @@ impl Learner {
         Network::save(&self.info, &self.parameters)
     }
 
+    /// The configuration.
+    pub const fn config(&self) -> &TrainConfig {
+        &self.config
+    }
+
     /// Counts up the number of published weights and returns it.
     pub const fn next_version(&mut self) -> u64 {
         self.progress.version += 1;

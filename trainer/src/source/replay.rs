@@ -3,6 +3,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
+use swath_bridge::GridSpec;
 use swath_bridge::msg::swath::Sample;
 
 use crate::Example;
@@ -31,6 +32,8 @@ pub struct Counts {
 #[derive(Debug)]
 pub struct Replay {
     capacity: usize,
+    /// Grid of the samples; that of the first one if none was given.
+    spec: Option<GridSpec>,
     examples: Vec<Arc<Example>>,
     oldest: usize,
     generators: BTreeMap<(String, u64), Sequence>,
@@ -81,6 +84,7 @@ impl Replay {
     pub fn new(capacity: usize) -> Self {
         Self {
             capacity: capacity.max(1),
+            spec: None,
             examples: Vec::new(),
             oldest: 0,
             generators: BTreeMap::new(),
@@ -88,32 +92,49 @@ impl Replay {
         }
     }
 
+    /// An empty buffer of at most `capacity` samples on one grid only.
+    pub fn on_grid(capacity: usize, spec: GridSpec) -> Self {
+        Self {
+            spec: Some(spec),
+            ..Self::new(capacity)
+        }
+    }
+
     /// Takes a sample in, in place of the oldest when full. A sample that came before, that has no
     /// path or cannot be used is only counted.
     pub fn add(&mut self, sample: Sample) {
+        if let Some(example) = self.admit(sample) {
+            self.push(example);
+        }
+    }
+
+    /// Counts a sample, and gives it back checked if it is new and can be learnt from.
+    pub(crate) fn admit(&mut self, sample: Sample) -> Option<Example> {
         self.counts.received += 1;
         let key = (sample.generator.clone(), sample.seed);
         if !self.generators.contains_key(&key) && self.generators.len() >= MAX_GENERATORS {
             self.counts.rejected += 1;
-            return;
+            return None;
         }
-        match self
-            .generators
-            .entry(key)
-            .or_default()
-            .arrive(sample.sequence)
-        {
+        let sequence = self.generators.entry(key).or_default();
+        match sequence.arrive(sample.sequence) {
             Arrival::Duplicate => {
                 self.counts.duplicates += 1;
-                return;
+                return None;
             }
             Arrival::Next(skipped) => self.counts.gaps = self.counts.gaps.saturating_add(skipped),
             Arrival::Late => self.counts.gaps = self.counts.gaps.saturating_sub(1),
         }
         match Example::from_sample(sample) {
-            Ok(example) if !example.is_solved() => self.counts.unsolved += 1,
-            Ok(example) if self.fits(&example) => self.push(example),
-            Ok(_) | Err(_) => self.counts.rejected += 1,
+            Ok(example) if !example.is_solved() => {
+                self.counts.unsolved += 1;
+                None
+            }
+            Ok(example) if *self.spec.get_or_insert(example.spec) == example.spec => Some(example),
+            Ok(_) | Err(_) => {
+                self.counts.rejected += 1;
+                None
+            }
         }
     }
 
@@ -127,12 +148,8 @@ impl Replay {
         self.counts
     }
 
-    fn fits(&self, example: &Example) -> bool {
-        let first = self.examples.first();
-        first.is_none_or(|first| first.spec == example.spec)
-    }
-
-    fn push(&mut self, example: Example) {
+    /// Holds a sample, in place of the oldest when full.
+    pub(crate) fn push(&mut self, example: Example) {
         let example = Arc::new(example);
         if self.examples.len() < self.capacity {
             self.examples.push(example);
