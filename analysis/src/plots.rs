@@ -51,7 +51,7 @@ pub(crate) fn draw(sources: &Sources<'_>, directory: &Path) -> Result<Vec<String
         ),
         time_by_targets(sources),
         reached_by_targets(sources),
-        training(sources, "loss.svg", ("Training loss", "loss"))?,
+        training(sources, "loss.svg", ("Training loss", "loss"))?.legend_above(),
         miou(sources)?,
         samples_per_s(sources),
         weights_age(sources)?,

@@ -17,6 +17,8 @@ const SIZE_PX: (u32, u32) = (800, 480);
 const MAX_POINTS: usize = 4000;
 /// Most series, boxes and names of a chart.
 const MAX_SERIES: usize = 24;
+/// Most points of a line that each get a dot.
+const MAX_DOTS: usize = 100;
 /// Part of an axis that is left free at either end.
 const MARGIN: f64 = 0.05;
 /// Half of a box's width; boxes stand one apart.
@@ -37,7 +39,7 @@ const COLOURS: [RGBColor; 8] = [
 /// How a series is drawn.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Mark {
-    /// Line with a dot at each point.
+    /// Line, with a dot at each point unless there are many.
     Line,
     /// Thin dashed line, for what ours is compared with.
     ThinLine,
@@ -61,6 +63,7 @@ pub(super) struct Chart {
     labels: (&'static str, &'static str),
     is_log_y: bool,
     is_from_zero: bool,
+    is_legend_above: bool,
     pub(super) series: Vec<Series>,
     pub(super) boxes: Vec<(String, Spread)>,
     pub(super) bars: Vec<(f64, f64, f64)>,
@@ -81,6 +84,7 @@ impl Chart {
             labels,
             is_log_y: false,
             is_from_zero: false,
+            is_legend_above: false,
             series: Vec::new(),
             boxes: Vec::new(),
             bars: Vec::new(),
@@ -96,6 +100,12 @@ impl Chart {
     /// Shows the y axis from 0 on, however far from it the values are.
     pub(super) fn starting_at_zero(mut self) -> Self {
         self.is_from_zero = true;
+        self
+    }
+
+    /// Puts the legend where falling curves leave room for it.
+    pub(super) fn legend_above(mut self) -> Self {
+        self.is_legend_above = true;
         self
     }
 
@@ -216,16 +226,21 @@ impl Chart {
             .x_label_area_size(42)
             .y_label_area_size(72)
             .build_cartesian_2d(x_axis, y_axis)?;
-        let names = |x: &f64| self.box_name(*x);
+        let names = |x: &f64| {
+            if self.boxes.is_empty() {
+                significant(*x)
+            } else {
+                self.box_name(*x)
+            }
+        };
         let mut mesh = context.configure_mesh();
         mesh.x_desc(self.labels.0)
             .y_desc(self.labels.1)
             .light_line_style(WHITE)
+            .x_label_formatter(&names)
             .y_label_formatter(&|y| significant(*y));
         if !self.boxes.is_empty() {
-            mesh.disable_x_mesh()
-                .x_labels(2 * self.boxes.len() + 1)
-                .x_label_formatter(&names);
+            mesh.disable_x_mesh().x_labels(2 * self.boxes.len() + 1);
         }
         mesh.draw()?;
         self.draw_boxes(&mut context)?;
@@ -248,13 +263,15 @@ impl Chart {
     where
         Y: Ranged<ValueType = f64>,
     {
-        for (index, (_, spread)) in self.boxes.iter().enumerate().take(MAX_SERIES) {
+        for (index, (name, spread)) in self.boxes.iter().enumerate().take(MAX_SERIES) {
             let x = index as f64;
             let (left, right) = (x - HALF_BOX, x + HALF_BOX);
             let shown = |y: f64| if self.is_shown(y) { y } else { spread.median };
             let (lower, upper) = (shown(spread.lower_quartile), spread.upper_quartile);
             let filled = [(left, lower), (right, upper)];
-            let colour = colour(index);
+            // A method has one colour, however many boxes.
+            let first = self.boxes.iter().position(|(other, _)| other == name);
+            let colour = colour(first.unwrap_or(index));
             context.draw_series([Rectangle::new(filled, colour.mix(0.4).filled())])?;
             let middle = |y: f64| vec![(x - HALF_BOX / 2.0, y), (x + HALF_BOX / 2.0, y)];
             let least = shown(spread.least);
@@ -301,7 +318,8 @@ impl Chart {
                     .label(series.name.as_str())
                     .legend(move |(x, y)| PathElement::new(vec![(x, y), (x + 18, y)], style));
             }
-            if series.mark != Mark::ThinLine {
+            let has_dots = series.mark == Mark::Line && points.len() <= MAX_DOTS;
+            if has_dots || series.mark == Mark::Points {
                 let dots = points
                     .iter()
                     .map(|point| Circle::new(*point, 2, colour.filled()));
@@ -314,6 +332,11 @@ impl Chart {
         }
         if drawn.count() > 0 {
             let mut labels = context.configure_series_labels();
+            labels.position(if self.is_legend_above {
+                SeriesLabelPosition::UpperRight
+            } else {
+                SeriesLabelPosition::LowerRight
+            });
             labels
                 .background_style(WHITE.mix(0.8))
                 .border_style(BLACK.mix(0.3));

@@ -2,6 +2,7 @@
 # Tests swath against programs that others wrote: MCAP and ROS 2 readers, and a zenoh peer.
 # Usage: run.sh [SWATH_BINARY]; without one the release build is used, and made if need be.
 set -euo pipefail
+export PYTHONDONTWRITEBYTECODE=1
 
 here=$(cd "$(dirname "${BASH_SOURCE[0]}")" && pwd)
 root=$(cd "$here/../../.." && pwd)
