@@ -1,73 +1,70 @@
-"""Reads a recording with programs that others wrote: mcap with mcap-ros2-support, and rosbags.
+"""Opens a recording with `mcap` and with `rosbags` and compares every message in it.
 
-    python check_recording.py FILE.mcap [EXPECTED_TOPICS]
-
-Every message must decode in both, and to the same values. Exits with 1 and says why if not.
+Usage: check_recording.py RECORDING.mcap VALUES.json MSG_DIR
 """
 
-import dataclasses
-import math
+import json
+import pathlib
 import sys
-from pathlib import Path
 
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 from rosbags.highlevel import AnyReader
 
-
-def plain(value):
-    """A message as nested tuples, whichever library it is of."""
-    if dataclasses.is_dataclass(value):
-        # rosbags also counts constants, which have capital letters, among the fields.
-        names = [field.name for field in dataclasses.fields(value)]
-        names = [name for name in names if name.islower() and name != "__msgtype__"]
-        return tuple(plain(getattr(value, name)) for name in names)
-    if hasattr(value, "__slots__") and not isinstance(value, (str, bytes)):
-        return tuple(plain(getattr(value, name)) for name in value.__slots__)
-    if isinstance(value, (bytes, bytearray)):
-        return tuple(value)
-    if hasattr(value, "tolist"):
-        return plain(value.tolist())
-    if isinstance(value, (list, tuple)):
-        return tuple(plain(part) for part in value)
-    if isinstance(value, float):
-        return "NaN" if math.isnan(value) else value
-    return value
+from values import differences
 
 
 def with_mcap(path):
+    """(topic, type, log time, publish time, message), decoded by mcap-ros2-support."""
     with open(path, "rb") as file:
         reader = make_reader(file, decoder_factories=[DecoderFactory()])
         header = reader.get_header()
         assert header.profile == "ros2", header
         for schema, channel, message, decoded in reader.iter_decoded_messages():
-            assert schema.encoding == "ros2msg", schema
-            assert channel.message_encoding == "cdr", channel
-            yield channel.topic, schema.name, message.log_time, plain(decoded)
+            assert schema.encoding == "ros2msg" and channel.message_encoding == "cdr"
+            times = message.log_time, message.publish_time
+            yield channel.topic, schema.name, *times, decoded
 
 
 def with_rosbags(path):
-    with AnyReader([Path(path)]) as reader:
+    """The same, decoded by rosbags, which gives no publish time."""
+    with AnyReader([pathlib.Path(path)]) as reader:
         for connection in reader.connections:
-            [qos] = connection.ext.offered_qos_profiles
-            assert qos.depth > 0, qos
+            carried = connection.ext.offered_qos_profiles
+            assert bool(carried) == connection.topic.startswith("/swath/"), connection
         for connection, log_time, raw in reader.messages():
             decoded = reader.deserialize(raw, connection.msgtype)
-            yield connection.topic, connection.msgtype, log_time, plain(decoded)
+            yield connection.topic, connection.msgtype, log_time, None, decoded
 
 
-def main():
-    path = sys.argv[1]
-    ours = sorted(with_mcap(path), key=lambda message: message[:3])
-    theirs = sorted(with_rosbags(path), key=lambda message: message[:3])
-    topics = {topic for topic, *_ in ours}
-    assert len(ours) == len(theirs), f"{len(ours)} messages in mcap, {len(theirs)} in rosbags"
-    for one, other in zip(ours, theirs):
-        assert one == other, f"mcap and rosbags differ:\n{one}\n{other}"
-    if len(sys.argv) > 2:
-        assert len(topics) == int(sys.argv[2]), topics
-    print(f"{path}: {len(ours)} messages on {len(topics)} topics decode in mcap and rosbags")
+def problems(name, found, expected):
+    """What a library made of the recording that its writer did not put in."""
+    found = list(found)
+    if len(found) != len(expected):
+        yield f"{name}: {len(found)} messages, expected {len(expected)}"
+    for wanted, (topic, kind, log_nanos, publish_nanos, message) in zip(expected, found):
+        where = f"{name}: {topic}"
+        head = topic, kind, log_nanos, publish_nanos
+        times = wanted["log_nanos"], wanted["publish_nanos"] if publish_nanos else None
+        if head != (wanted["topic"], wanted["type"], *times):
+            yield f"{where}: {head}, expected {wanted['topic']} at {times}"
+        yield from differences(wanted["message"], message, where)
+
+
+def main(recording, values, definitions):
+    expected = json.loads(pathlib.Path(values).read_text())
+    defined = {path.stem for path in pathlib.Path(definitions).glob("*/*.msg")}
+    written = {entry["type"].split("/")[-1] for entry in expected}
+    found = [f"{name} is defined, but not in the recording" for name in sorted(defined - written)]
+    found += problems("mcap", with_mcap(recording), expected)
+    found += problems("rosbags", with_rosbags(recording), expected)
+    for problem in found:
+        print(problem, file=sys.stderr)
+    if found:
+        return 1
+    print(f"mcap and rosbags decode all {len(expected)} messages of {len(written)} types")
+    return 0
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main(*sys.argv[1:]))
