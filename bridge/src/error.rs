@@ -126,6 +126,14 @@ pub enum Error {
         /// What it must be.
         expected: &'static str,
     },
+    /// The system gives no randomness to make a key of.
+    #[error("{}: no key can be made: {what}", path.display())]
+    NoRandomness {
+        /// Where the key was to be.
+        path: PathBuf,
+        /// The system's word.
+        what: String,
+    },
     /// A recording is damaged, not one, or has something else in it than expected.
     #[error("{}: at byte {offset}: {what}", path.display())]
     BadRecording {

@@ -2,6 +2,7 @@
 //! ingestion. It also holds the few types that everything outside is described in: frames and
 //! grids, the vehicle's dimensions, outcomes.
 
+mod atomic_file;
 pub mod cdr;
 pub mod clock;
 mod error;
@@ -23,6 +24,7 @@ mod session;
 pub mod signature;
 mod subscriber;
 mod vehicle;
+mod weights_store;
 
 pub use error::Error;
 pub use frame::Frame;
@@ -34,3 +36,4 @@ pub use publisher::{Publisher, RawPublisher};
 pub use session::{Ports, Session, SessionConfig};
 pub use subscriber::{Counts, Received, Subscriber};
 pub use vehicle::Vehicle;
+pub use weights_store::WeightsStore;

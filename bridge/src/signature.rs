@@ -4,10 +4,14 @@
 //! of everything else: a line that names this use, then the message in CDR with the signature and
 //! the safetensors left empty. The digest is part of it, so the signature covers all fields.
 
+use std::io::{ErrorKind, Read};
+use std::path::Path;
+
 use ed25519_dalek::{Signature, Signer};
 pub use ed25519_dalek::{SigningKey, VerifyingKey};
 
 use crate::Error;
+use crate::atomic_file::{self, Access};
 use crate::cdr;
 use crate::msg::swath::Weights;
 
@@ -62,6 +66,50 @@ pub fn verify(weights: &Weights, trusted: &[VerifyingKey]) -> Result<(), Error> 
     }
     key.verify_strict(&signed_bytes(weights)?, &signature)
         .map_err(|error| bad(weights, format!("the signature does not match: {error}")))
+}
+
+/// Reads the key in a file, or makes one and keeps it there, readable by its owner alone.
+///
+/// The file holds the 32 bytes of the secret key in hexadecimal digits, and a line end.
+///
+/// # Errors
+/// [`Error::BadFile`] if the file holds something else, [`Error::Io`] if it cannot be read or
+/// written, [`Error::NoRandomness`] if the system has none.
+pub fn load_or_create_key(path: &Path) -> Result<SigningKey, Error> {
+    match std::fs::File::open(path) {
+        Ok(file) => read_key(path, file),
+        Err(error) if error.kind() == ErrorKind::NotFound => {
+            let mut secret = [0; 32];
+            if let Err(error) = getrandom::fill(&mut secret) {
+                return Err(Error::NoRandomness {
+                    path: path.to_owned(),
+                    what: error.to_string(),
+                });
+            }
+            let text = format!("{}\n", blake3::Hash::from_bytes(secret).to_hex());
+            atomic_file::write(path, text.as_bytes(), Access::Owner)?;
+            Ok(SigningKey::from_bytes(&secret))
+        }
+        Err(source) => Err(Error::Io {
+            path: path.to_owned(),
+            source,
+        }),
+    }
+}
+
+fn read_key(path: &Path, file: std::fs::File) -> Result<SigningKey, Error> {
+    /// The digits and a line end of two bytes; more than that is something else.
+    const MOST_BYTES: u64 = 66;
+    let mut text = String::new();
+    let read = file.take(MOST_BYTES + 1).read_to_string(&mut text);
+    let digits = blake3::Hash::from_hex(text.trim_end());
+    match (read, digits) {
+        (Ok(_), Ok(secret)) => Ok(SigningKey::from_bytes(secret.as_bytes())),
+        _ => Err(Error::BadFile {
+            path: path.to_owned(),
+            what: "not a key, expected 64 hexadecimal digits".to_owned(),
+        }),
+    }
 }
 
 fn check_size(weights: &Weights) -> Result<(), Error> {
