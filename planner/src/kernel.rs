@@ -146,21 +146,26 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    /// Whether a cell's square holds one of many points of the motion's rectangles.
-    fn touched_by_points(poses: &[Pose2], d_row: i32, d_col: i32) -> bool {
+    /// Whether a cell's square holds one of many points of the motion's rectangles, which are given by
+    /// the inverses of their poses.
+    fn touched_by_points(inverses: &[Pose2], d_row: i32, d_col: i32) -> bool {
         let vehicle = Vehicle::default();
-        poses.iter().any(|pose| {
-            let inverse = pose.inverse();
-            (0..=20).any(|i| {
-                (0..=20).any(|j| {
-                    let x_m = -0.2 * f64::from(d_row) + 0.2 * (f64::from(i) / 20.0 - 0.5);
-                    let y_m = -0.2 * f64::from(d_col) + 0.2 * (f64::from(j) / 20.0 - 0.5);
-                    let point = inverse.then(&Pose2::new(x_m, y_m, 0.0));
-                    point.x_m <= vehicle.front_m
-                        && point.x_m >= -vehicle.rear_m
-                        && point.y_m.abs() <= vehicle.half_width_m
+        let is_inside = |inverse: &Pose2, (x_m, y_m): (f64, f64), slack_m: f64| {
+            let point = inverse.then(&Pose2::new(x_m, y_m, 0.0));
+            point.x_m <= vehicle.front_m + slack_m
+                && point.x_m >= -vehicle.rear_m - slack_m
+                && point.y_m.abs() <= vehicle.half_width_m + slack_m
+        };
+        let (x_m, y_m) = (-0.2 * f64::from(d_row), -0.2 * f64::from(d_col));
+        inverses.iter().any(|inverse| {
+            // A square's corner is 0.1415 m from its centre.
+            is_inside(inverse, (x_m, y_m), 0.15)
+                && (0..=20).any(|i| {
+                    (0..=20).any(|j| {
+                        let along = |share: i32| 0.2 * (f64::from(share) / 20.0 - 0.5);
+                        is_inside(inverse, (x_m + along(i), y_m + along(j)), 0.0)
+                    })
                 })
-            })
         })
     }
 
@@ -183,16 +188,18 @@ mod tests {
             let along: Vec<Pose2> = (0..=30)
                 .map(|k| length * f64::from(k) / 30.0)
                 .map(|s| Pose2::new(s * libm::cos(heading), s * libm::sin(heading), heading))
+                .map(|pose| pose.inverse())
                 .collect();
             let turning = Kernel::of_turn(&vehicle, 0.2, heading, turn);
             let around: Vec<Pose2> = (0..=10)
                 .map(|k| Pose2::new(0.0, 0.0, heading + turn * f64::from(k) / 10.0))
+                .map(|pose| pose.inverse())
                 .collect();
             let mut surplus = 0;
             for d_row in -36..=36 {
                 for d_col in -36..=36 {
-                    for (kernel, poses) in [(&chord, &along), (&turning, &around)] {
-                        let touched = touched_by_points(poses, d_row, d_col);
+                    for (kernel, inverses) in [(&chord, &along), (&turning, &around)] {
+                        let touched = touched_by_points(inverses, d_row, d_col);
                         prop_assert!(!touched || holds(kernel, d_row, d_col));
                         surplus += i32::from(!touched && holds(kernel, d_row, d_col));
                     }

@@ -1,13 +1,18 @@
 //! How the vehicle moves over cells: the lookup table with the cells that each motion sweeps, and
 //! which turns its speed allows.
 
+mod successors;
+
 use std::f64::consts::{PI, TAU};
 
 use swath_bridge::Vehicle;
 
 use crate::Error;
-use crate::action::{Action, ActionTable, DIRECTIONS};
+use crate::action::{Action, ActionTable};
 use crate::kernel::Kernel;
+
+pub(crate) use successors::Fan;
+pub use successors::Successors;
 
 /// Costs are counted in units of 2⁻²⁰ (about a micrometre), so that sums are exact.
 pub(crate) const COST_UNITS: f64 = 1_048_576.0;
@@ -38,6 +43,8 @@ pub struct MotionModel {
     pub(crate) chords: Vec<Kernel>,
     /// Cells swept by turning on the spot from each direction to the next one counter-clockwise.
     pub(crate) turns: Vec<Kernel>,
+    /// Farthest row or column that any of these touches, cells from its start.
+    pub(crate) reach_cells: usize,
 }
 
 impl MotionModel {
@@ -73,14 +80,34 @@ impl MotionModel {
         let pose = |direction: u8| {
             Kernel::of_chord(vehicle, resolution_m, table.angle_rad(direction), 0.0)
         };
+        let poses: Vec<Kernel> = (0..=u8::MAX).map(pose).collect();
+        let chords: Vec<Kernel> = table.actions().iter().map(chord).collect();
+        let turns: Vec<Kernel> = (0..=u8::MAX).map(turn).collect();
+        let kernels = poses.iter().chain(&chords).chain(&turns);
+        let reach_cells = kernels.map(Kernel::reach_cells).max().unwrap_or(0);
         Ok(Self {
-            poses: (0..=u8::MAX).map(pose).collect(),
-            chords: table.actions().iter().map(chord).collect(),
-            turns: (0..=u8::MAX).map(turn).collect(),
+            reach_cells: usize::try_from(reach_cells).unwrap_or(0),
+            poses,
+            chords,
+            turns,
             vehicle: *vehicle,
             resolution_m,
             table,
         })
+    }
+
+    /// A model that knows no cells, for tests of what follows what.
+    #[cfg(test)]
+    fn without_kernels(vehicle: &Vehicle, resolution_m: f64) -> Self {
+        Self {
+            poses: Vec::new(),
+            chords: Vec::new(),
+            turns: Vec::new(),
+            reach_cells: 0,
+            table: ActionTable::new(),
+            vehicle: *vehicle,
+            resolution_m,
+        }
     }
 
     /// The vehicle.
@@ -100,47 +127,7 @@ impl MotionModel {
 
     /// The actions that may follow each direction at a speed.
     pub fn successors(&self, speed_m_per_s: f64) -> Successors {
-        let curvature =
-            max_curvature_per_m(speed_m_per_s).min(1.0 / self.vehicle.min_turning_radius_m);
-        let mut all = Successors {
-            starts: Vec::with_capacity(DIRECTIONS + 1),
-            list: Vec::new(),
-        };
-        for heading in 0..=u8::MAX {
-            all.starts.push(all.list.len());
-            self.append_successors(heading, curvature, &mut all.list);
-        }
-        all.starts.push(all.list.len());
-        all
-    }
-
-    /// Appends what may follow a heading, for each side from the nearest direction outwards.
-    fn append_successors(&self, heading: u8, curvature_per_m: f64, list: &mut Vec<Successor>) {
-        let half_turn = u8::try_from(DIRECTIONS / 2).unwrap_or(u8::MAX);
-        for side in [Side::Left, Side::Right] {
-            // Straight on and straight back are counted to the left only.
-            let right = u8::from(side == Side::Right);
-            for steps in right..=half_turn - right {
-                let direction = side.turned(heading, steps);
-                for (index, action) in self.actions_of(direction) {
-                    let angle_rad = self.turn_rad(heading, direction).abs();
-                    if steps > 1
-                        && angle_rad > self.angle_limit_rad(heading, action, curvature_per_m)
-                    {
-                        continue;
-                    }
-                    list.push(Successor {
-                        action: index,
-                        direction,
-                        side,
-                        steps,
-                        d_row: action.d_row,
-                        d_col: action.d_col,
-                        cost: cost_units(action.length_cells * self.resolution_m + angle_rad),
-                    });
-                }
-            }
-        }
+        Successors::new(self, speed_m_per_s)
     }
 
     /// The paper's angle limit: curvature times the mean length of the two actions, radians.
@@ -152,14 +139,10 @@ impl MotionModel {
         curvature_per_m * mean_cells * self.resolution_m
     }
 
-    /// The actions in a direction with their numbers, from short to long.
-    fn actions_of(&self, direction: u8) -> impl Iterator<Item = (u16, &Action)> {
-        let actions = self.table.actions();
-        let first = actions.partition_point(|action| action.direction < direction);
-        (first..)
-            .zip(&actions[first..])
-            .take_while(move |(_, action)| action.direction == direction)
-            .filter_map(|(index, action)| Some((u16::try_from(index).ok()?, action)))
+    /// No action has a greater angle limit after a heading, radians.
+    fn widest_limit_rad(&self, heading: u8, curvature_per_m: f64) -> f64 {
+        let limit = |action| self.angle_limit_rad(heading, action, curvature_per_m);
+        self.table.actions().iter().map(limit).fold(0.0, f64::max)
     }
 
     /// The turn from one direction to another, radians in (−π, π].
@@ -227,50 +210,9 @@ impl Side {
     }
 }
 
-/// An action that may follow a heading.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct Successor {
-    /// Number in the lookup table.
-    pub(crate) action: u16,
-    /// Its direction.
-    pub(crate) direction: u8,
-    /// Side to turn to first.
-    pub(crate) side: Side,
-    /// Directions to turn by.
-    pub(crate) steps: u8,
-    /// Rows to move.
-    pub(crate) d_row: i32,
-    /// Columns to move.
-    pub(crate) d_col: i32,
-    /// Turn and length, in units.
-    pub(crate) cost: u32,
-}
-
-/// The actions that may follow each direction at one speed.
-#[derive(Debug)]
-pub struct Successors {
-    starts: Vec<usize>,
-    list: Vec<Successor>,
-}
-
-impl Successors {
-    /// What may follow a heading: to the left and then to the right, each from the nearest direction
-    /// outwards.
-    pub(crate) fn of(&self, heading: u8) -> &[Successor] {
-        let index = usize::from(heading);
-        &self.list[self.starts[index]..self.starts[index + 1]]
-    }
-
-    /// Mean number of actions that may follow a direction.
-    pub fn mean(&self) -> f64 {
-        self.list.len() as f64 / DIRECTIONS as f64
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-    use proptest::prelude::*;
 
     #[test]
     fn curvature_follows_tievs_table() {
@@ -282,42 +224,5 @@ mod tests {
         assert_eq!(max_curvature_per_m(f64::NAN), 0.004_29);
         let between = max_curvature_per_m(7.5 / 3.6);
         assert!((between - f64::midpoint(0.2, 0.134_37)).abs() < 1e-9);
-    }
-
-    #[test]
-    fn the_next_direction_to_either_side_is_admitted_at_any_speed() {
-        let model = MotionModel::new(&Vehicle::default(), 0.2).unwrap();
-        for speed in [0.0, 1.4, 5.0, 30.0] {
-            let successors = model.successors(speed);
-            for heading in 0..=u8::MAX {
-                for neighbour in [heading, heading.wrapping_add(1), heading.wrapping_sub(1)] {
-                    assert!(
-                        successors
-                            .of(heading)
-                            .iter()
-                            .any(|s| s.direction == neighbour)
-                    );
-                }
-            }
-        }
-    }
-
-    proptest! {
-        #[test]
-        fn no_turn_but_to_a_neighbour_exceeds_the_limit(heading: u8, speed in 0.0..12.0f64) {
-            let model = MotionModel::new(&Vehicle::default(), 0.2).unwrap();
-            let curvature = max_curvature_per_m(speed).min(1.0 / 5.5);
-            let successors = model.successors(speed);
-            let mut seen = Vec::new();
-            for successor in successors.of(heading) {
-                let action = &model.table.actions()[usize::from(successor.action)];
-                let turn = model.turn_rad(heading, action.direction).abs();
-                let limit = model.angle_limit_rad(heading, action, curvature);
-                prop_assert!(turn <= limit || successor.steps <= 1);
-                prop_assert_eq!(successor.side.turned(heading, successor.steps), action.direction);
-                prop_assert!(!seen.contains(&successor.action), "an action came twice");
-                seen.push(successor.action);
-            }
-        }
     }
 }

@@ -13,20 +13,21 @@
 
 mod goal;
 mod memory;
+mod open;
 mod path;
 
 use swath_bridge::{Outcome, Pose2};
 
-use crate::action::{AHEAD, DIRECTIONS};
-use crate::collision::CollisionMap;
-use crate::motion::{COST_UNITS, Side, Successor, Successors, cost_units};
+use crate::action::{ACTIONS, AHEAD, DIRECTIONS};
+use crate::collision::{CollisionMap, WORD};
+use crate::motion::{COST_UNITS, Fan, Successors};
 use crate::{Error, Plane};
 
 pub use goal::{GOAL_TOLERANCE_M, GOAL_TOLERANCE_RAD};
 pub use memory::SearchMemory;
 
 use goal::Goal;
-use memory::{Node, State};
+use memory::{Parent, State};
 
 /// How often a search asks whether it should stop, in expansions.
 const STOP_INTERVAL: u64 = 256;
@@ -108,6 +109,7 @@ pub fn search(
             successors,
             goal,
             region,
+            steps_of: cell_steps(map),
             memory,
             steps: 0,
         }
@@ -135,29 +137,51 @@ fn check_region(map: &CollisionMap, region: Option<WeightedRegion<'_>>) -> Resul
     Ok(())
 }
 
+/// Where an action leads from any cell.
+#[derive(Debug, Clone, Copy, Default)]
+struct CellStep {
+    /// To be added to the cell's number.
+    offset: i32,
+    direction: u8,
+}
+
+#[expect(
+    clippy::cast_possible_wrap,
+    reason = "GridSpec::validate keeps sides at or below 4096"
+)]
+fn cell_steps(map: &CollisionMap) -> [CellStep; ACTIONS] {
+    let mut steps = [CellStep::default(); ACTIONS];
+    for (step, action) in steps.iter_mut().zip(map.model().table().actions()) {
+        *step = CellStep {
+            offset: action.d_row * map.spec().cols as i32 + action.d_col,
+            direction: action.direction,
+        };
+    }
+    steps
+}
+
 struct Search<'a> {
     map: &'a CollisionMap,
     successors: &'a Successors,
     goal: Goal,
     region: Option<WeightedRegion<'a>>,
+    steps_of: [CellStep; ACTIONS],
     memory: &'a mut SearchMemory,
     steps: u64,
 }
 
 impl Search<'_> {
     fn run(mut self, limits: Limits<'_>) -> TargetResult {
-        let ego = self.map.spec().ego();
-        let start = State::new(self.cell_index(ego.row, ego.col), AHEAD);
-        self.claim(start.cell());
-        *self.memory.node_mut(start) = Node::start();
-        self.push(start, 0);
+        let ego = self.map.spec().index_of(self.map.spec().ego());
+        let start = State::new(ego.unwrap_or(0), AHEAD);
+        self.reach(start, (0, 0), Parent::START);
 
-        while let Some(state) = self.memory.pop() {
+        while let Some((state, cost)) = self.memory.pop() {
             if self.goal.accepts(state) {
                 return path::trace(self.map, self.memory, state, self.steps);
             }
             self.steps += 1;
-            self.expand(state);
+            self.expand(state, cost);
             if let Some(outcome) = self.stopped(limits) {
                 return TargetResult::without_path(outcome, self.steps);
             }
@@ -176,91 +200,83 @@ impl Search<'_> {
         }
     }
 
-    fn expand(&mut self, state: State) {
+    fn expand(&mut self, state: State, cost: u32) {
         let cols = self.map.spec().cols as usize;
-        let (row, col) = (state.cell() / cols, state.cell() % cols);
-        let cost = self.memory.node(state).cost;
-        let successors = self.successors;
-        // The turn to a direction passes all directions between, so the first one that is blocked
-        // ends a side.
-        let mut side = Side::Left;
-        let (mut turned, mut is_blocked) = (0, false);
-        for successor in successors.of(state.direction()) {
-            if successor.side != side {
-                side = successor.side;
-                (turned, is_blocked) = (0, false);
+        let cell = (state.cell() / cols, state.cell() % cols);
+        let (map, successors, heading) = (self.map, self.successors, state.direction());
+        let reach = successors.reach(heading, |group| map.blocked_turns(group, cell));
+        for fan in successors.fans(heading) {
+            let mut free = fan.allowed & !map.blocked_chords(fan.group, cell);
+            if let Some(reach) = reach {
+                free &= reach.of_group(fan.group);
             }
-            while turned < successor.steps && !is_blocked {
-                is_blocked = self
-                    .map
-                    .turn(side.passed(state.direction(), turned))
-                    .get(row, col);
-                turned += 1;
-            }
-            if !is_blocked {
-                self.follow(state, (row, col), cost, successor);
-            }
+            self.follow(state, cost, (fan, free));
         }
     }
 
-    fn follow(&mut self, from: State, (row, col): (usize, usize), cost: u32, step: &Successor) {
-        let spec = self.map.spec();
-        let Some(to_row) = row.checked_add_signed(step.d_row as isize) else {
-            return;
+    /// Follows the actions of a fan whose bits are set.
+    #[inline]
+    #[expect(clippy::cast_possible_truncation, reason = "there are 368 actions")]
+    fn follow(&mut self, from: State, cost: u32, (fan, mut free): (&Fan, u64)) {
+        while free != 0 {
+            let bit = free.trailing_zeros() as usize;
+            free &= free - 1;
+            let action = fan.group * WORD + bit;
+            let step = self.steps_of[action];
+            // Actions that leave the map are blocked, so this is on it.
+            let cell = from.cell().wrapping_add_signed(step.offset as isize);
+            let to = State::new(cell, step.direction);
+            self.reach(
+                to,
+                (cost, fan.costs[bit]),
+                Parent::new(action as u16, from.direction()),
+            );
+        }
+    }
+
+    /// Notes a way to a state if it is the best one so far.
+    #[inline]
+    fn reach(&mut self, to: State, (cost, step): (u32, u32), parent: Parent) {
+        let (map, goal, region) = (self.map, &self.goal, self.region);
+        let place = self
+            .memory
+            .place(to, |cell| about_cell(map, goal, region, cell));
+        let step = match region {
+            Some(region) if place.is_inside => scaled_units(step, region.weight),
+            _ => step,
         };
-        let Some(to_col) = col.checked_add_signed(step.d_col as isize) else {
-            return;
-        };
-        if to_row >= spec.rows as usize || to_col >= spec.cols as usize {
-            return;
-        }
-        if self.map.chord(step.action).get(row, col) {
-            return;
-        }
-        let cell = to_row * spec.cols as usize + to_col;
-        let inside = self.claim(cell);
-        let step_cost = match self.region {
-            Some(region) if inside => cost_units(f64::from(step.cost) * region.weight / COST_UNITS),
-            _ => step.cost,
-        };
-        let to = State::new(cell, step.direction);
-        let new_cost = cost.saturating_add(step_cost);
-        let node = self.memory.node_mut(to);
-        if new_cost < node.cost {
-            *node = Node::reached(new_cost, step.action, from.direction());
-            self.push(to, new_cost);
+        let cost = cost.saturating_add(step);
+        if cost < place.cost {
+            self.memory.reach(to, place, cost, parent);
         }
     }
+}
 
-    /// Makes a cell's states usable and says whether the cell is inside the region.
-    fn claim(&mut self, cell: usize) -> bool {
-        let inside = self
-            .region
-            .is_some_and(|region| region.cells.get_index(cell));
-        if !self.memory.is_claimed(cell) {
-            let centre = self
-                .map
-                .spec()
-                .centre_of(self.map.spec().cell_of_index(cell));
-            let mut estimate = self.goal.distance_left(centre);
-            if let Some(region) = self.region.filter(|_| inside) {
-                estimate *= region.weight;
-            }
-            self.memory.claim(cell, floor_units(estimate));
-        }
-        inside
+/// A lower bound on the cost from a cell to the goal, and whether the cell is inside the region.
+#[cold]
+fn about_cell(
+    map: &CollisionMap,
+    goal: &Goal,
+    region: Option<WeightedRegion<'_>>,
+    cell: usize,
+) -> (u32, bool) {
+    let estimate = goal.distance_left(map.spec().centre_of(map.spec().cell_of_index(cell)));
+    match region.filter(|region| region.cells.get_index(cell)) {
+        Some(region) => (floor_units(estimate * region.weight), true),
+        None => (floor_units(estimate), false),
     }
+}
 
-    fn push(&mut self, state: State, cost: u32) {
-        self.memory.push(state, cost);
-    }
-
-    fn cell_index(&self, row: i32, col: i32) -> usize {
-        self.map
-            .spec()
-            .index_of(swath_bridge::Cell::new(row, col))
-            .unwrap_or(0)
-    }
+/// A step's cost times a weight in (0, 1], rounded half up.
+#[expect(
+    clippy::cast_possible_truncation,
+    clippy::cast_sign_loss,
+    reason = "the product is at least 0 and at most the step"
+)]
+fn scaled_units(step: u32, weight: f64) -> u32 {
+    let scaled = f64::from(step) * weight;
+    let whole = scaled as u32;
+    whole + u32::from(scaled - f64::from(whole) >= 0.5)
 }
 
 /// A lower bound in units.

@@ -34,13 +34,19 @@ proptest! {
         let model = map.model().clone();
         for row in 0..70 {
             for col in 0..90 {
-                let at = |bitmap: &Bitmap| {
-                    bitmap.get(usize::try_from(row).unwrap(), usize::try_from(col).unwrap())
-                };
-                let chord = &model.chords[usize::from(action)];
-                prop_assert_eq!(at(map.chord(action)), touches(chord, (row, col), &cells));
-                let turn = &model.turns[usize::from(direction)];
-                prop_assert_eq!(at(map.turn(direction)), touches(turn, (row, col), &cells));
+                let cell = (usize::try_from(row).unwrap(), usize::try_from(col).unwrap());
+                let bit = |word: u64, number: usize| word >> (number % 64) & 1 != 0;
+                let action = usize::from(action);
+                let step = &model.table().actions()[action];
+                let leaves = spec.index_of(Cell::new(row + step.d_row, col + step.d_col)).is_none();
+                let blocked = bit(map.blocked_chords(action / 64, cell), action);
+                prop_assert_eq!(
+                    blocked,
+                    leaves || touches(&model.chords[action], (row, col), &cells)
+                );
+                let turn = usize::from(direction);
+                let blocked = bit(map.blocked_turns(turn / 64, cell), turn);
+                prop_assert_eq!(blocked, touches(&model.turns[turn], (row, col), &cells));
                 let pose = &model.poses[usize::from(direction)];
                 let free = map.state_is_free(Cell::new(row, col), direction);
                 prop_assert_eq!(free, !touches(pose, (row, col), &cells));

@@ -2,6 +2,7 @@
 
 use swath_bridge::GridSpec;
 
+use super::open::OpenList;
 use crate::Error;
 use crate::action::DIRECTIONS;
 
@@ -31,45 +32,33 @@ impl State {
     }
 }
 
-/// What is known of a state.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Node {
-    /// Cost of the best way here, in units; `u32::MAX` if there is none yet.
-    pub(super) cost: u32,
-    /// Action of the lookup table that led here.
-    pub(super) action: u16,
+/// How a state was reached.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct Parent {
+    /// Action of the lookup table that led here; `u16::MAX` at the start.
+    action: u16,
     /// Direction before this action.
-    pub(super) from_direction: u8,
-    closed: bool,
+    from_direction: u8,
 }
 
-impl Node {
-    const UNREACHED: Self = Self {
-        cost: u32::MAX,
-        action: 0,
+impl Parent {
+    pub(super) const START: Self = Self {
+        action: u16::MAX,
         from_direction: 0,
-        closed: false,
     };
 
-    pub(super) const fn start() -> Self {
+    pub(super) const fn new(action: u16, from_direction: u8) -> Self {
         Self {
-            cost: 0,
-            ..Self::UNREACHED
-        }
-    }
-
-    pub(super) const fn reached(cost: u32, action: u16, from_direction: u8) -> Self {
-        Self {
-            cost,
             action,
             from_direction,
-            closed: false,
         }
     }
-}
 
-/// The states of one cell.
-type Block = [Node; DIRECTIONS];
+    /// The action that led here and the direction before it, unless this is the start.
+    pub(super) fn step(self) -> Option<(u16, u8)> {
+        (self != Self::START).then_some((self.action, self.from_direction))
+    }
+}
 
 /// Memory of a search. Cells are claimed when they are first reached, so that starting a search costs
 /// nothing and memory grows with the cells reached: 2 KiB each, at most all of the grid's.
@@ -77,18 +66,37 @@ type Block = [Node; DIRECTIONS];
 pub struct SearchMemory {
     /// Number of the running search.
     generation: u32,
-    /// By cell: the search that claimed it, its block, and its heuristic in units.
+    /// By cell: the search that claimed it, its states, and what is the same for all of them.
     cells: Vec<CellSlot>,
-    blocks: Vec<Block>,
-    used_blocks: usize,
+    /// Cost of the best way to each state of a claimed cell, in units; `u32::MAX` without one.
+    costs: Vec<u32>,
+    /// How each state that has a cost was reached.
+    parents: Vec<Parent>,
+    used_states: usize,
     open: OpenList,
 }
 
 #[derive(Debug, Clone, Copy, Default)]
 struct CellSlot {
     generation: u32,
-    block: u32,
+    /// Number of its first state.
+    first_state: u32,
+    /// Lower bound on the cost from here to the goal, in units.
     estimate: u32,
+    is_inside: bool,
+}
+
+/// A state of a claimed cell and what is known of it.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Place {
+    /// Index into costs and parents.
+    index: u32,
+    /// Lower bound on the cost from here to the goal, in units.
+    estimate: u32,
+    /// Cost of the best way here, in units; `u32::MAX` if there is none yet.
+    pub(super) cost: u32,
+    /// Whether the cell is inside the region.
+    pub(super) is_inside: bool,
 }
 
 impl SearchMemory {
@@ -106,140 +114,89 @@ impl SearchMemory {
             self.generation = 0;
         }
         self.generation += 1;
-        self.used_blocks = 0;
+        self.used_states = 0;
         self.open.clear();
         Ok(())
     }
 
-    pub(super) fn is_claimed(&self, cell: usize) -> bool {
-        self.cells[cell].generation == self.generation
-    }
-
-    /// Gives a cell a block of unreached states.
+    /// Gives a cell unreached states.
     #[expect(
         clippy::cast_possible_truncation,
-        reason = "there are at most as many blocks as cells"
+        reason = "grids have at most 2^24 cells of 2^8 states; the last one is never numbered 2^32"
     )]
-    pub(super) fn claim(&mut self, cell: usize, estimate: u32) {
-        if self.used_blocks == self.blocks.len() {
-            self.blocks.push([Node::UNREACHED; DIRECTIONS]);
-        } else {
-            self.blocks[self.used_blocks].fill(Node::UNREACHED);
+    fn claim(&mut self, cell: usize, (estimate, is_inside): (u32, bool)) {
+        let states = self.used_states..self.used_states + DIRECTIONS;
+        if self.costs.len() < states.end {
+            self.costs.resize(states.end, u32::MAX);
+            self.parents.resize(states.end, Parent::START);
         }
-        let block = self.used_blocks as u32;
+        self.costs[states.clone()].fill(u32::MAX);
         self.cells[cell] = CellSlot {
             generation: self.generation,
-            block,
+            first_state: states.start as u32,
             estimate,
+            is_inside,
         };
-        self.used_blocks += 1;
+        self.used_states = states.end;
     }
 
-    /// A state of a claimed cell.
-    pub(super) fn node(&self, state: State) -> &Node {
-        let block = self.cells[state.cell()].block as usize;
-        &self.blocks[block][usize::from(state.direction())]
+    /// The place of a state. If its cell was not reached before, `about` is asked for the estimate and
+    /// whether the cell is inside the region.
+    #[inline]
+    pub(super) fn place(
+        &mut self,
+        state: State,
+        about: impl FnOnce(usize) -> (u32, bool),
+    ) -> Place {
+        if self.cells[state.cell()].generation != self.generation {
+            self.claim(state.cell(), about(state.cell()));
+        }
+        let slot = self.cells[state.cell()];
+        let index = slot.first_state + u32::from(state.direction());
+        Place {
+            index,
+            estimate: slot.estimate,
+            cost: self.costs[index as usize],
+            is_inside: slot.is_inside,
+        }
     }
 
-    /// A state of a claimed cell.
-    pub(super) fn node_mut(&mut self, state: State) -> &mut Node {
-        let block = self.cells[state.cell()].block as usize;
-        &mut self.blocks[block][usize::from(state.direction())]
-    }
-
-    /// Puts a state of a claimed cell on the open list.
-    pub(super) fn push(&mut self, state: State, cost: u32) {
-        let total = cost.saturating_add(self.cells[state.cell()].estimate);
+    /// Notes a better way to a state and puts it on the open list.
+    #[inline]
+    pub(super) fn reach(&mut self, state: State, place: Place, cost: u32, parent: Parent) {
+        self.costs[place.index as usize] = cost;
+        self.parents[place.index as usize] = parent;
+        let total = cost.saturating_add(place.estimate);
         self.open.push(u64::from(total) << 32 | u64::from(state.0));
     }
 
-    /// Takes the state with the smallest total from the open list and closes it. Ties go to the
+    /// How a state that was reached was reached first at its cost.
+    pub(super) fn parent(&self, state: State) -> Parent {
+        let first = self.cells[state.cell()].first_state as usize;
+        self.parents[first + usize::from(state.direction())]
+    }
+
+    /// Takes the state with the smallest total from the open list, and its cost. Ties go to the
     /// smaller cell number (farther ahead, then farther left) and then to the smaller direction.
-    #[expect(clippy::cast_possible_truncation, reason = "the low half is the state")]
-    pub(super) fn pop(&mut self) -> Option<State> {
+    #[expect(clippy::cast_possible_truncation, reason = "both halves of a key are")]
+    #[inline]
+    pub(super) fn pop(&mut self) -> Option<(State, u32)> {
         loop {
-            let state = State(self.open.pop()? as u32);
-            let node = self.node_mut(state);
-            // An improved state is pushed again; what was pushed before comes later and is stale.
-            if !node.closed {
-                node.closed = true;
-                return Some(state);
+            let key = self.open.pop()?;
+            let state = State(key as u32);
+            let slot = &self.cells[state.cell()];
+            let cost = self.costs[slot.first_state as usize + usize::from(state.direction())];
+            // An improved state is pushed again; what was pushed before has a greater total.
+            if (key >> 32) as u32 == cost.saturating_add(slot.estimate) {
+                return Some((state, cost));
             }
         }
-    }
-}
-
-/// A four-way heap of keys, smallest first.
-#[derive(Debug, Default)]
-struct OpenList {
-    keys: Vec<u64>,
-}
-
-impl OpenList {
-    fn clear(&mut self) {
-        self.keys.clear();
-    }
-
-    fn push(&mut self, key: u64) {
-        self.keys.push(key);
-        let mut index = self.keys.len() - 1;
-        while index > 0 {
-            let parent = (index - 1) / 4;
-            if self.keys[parent] <= key {
-                break;
-            }
-            self.keys[index] = self.keys[parent];
-            index = parent;
-        }
-        self.keys[index] = key;
-    }
-
-    fn pop(&mut self) -> Option<u64> {
-        let smallest = *self.keys.first()?;
-        let key = self.keys.pop()?;
-        if self.keys.is_empty() {
-            return Some(smallest);
-        }
-        let mut index = 0;
-        loop {
-            let first = 4 * index + 1;
-            let children = self
-                .keys
-                .get(first..(first + 4).min(self.keys.len()))
-                .unwrap_or(&[]);
-            let Some((offset, &child)) = children.iter().enumerate().min_by_key(|(_, key)| **key)
-            else {
-                break;
-            };
-            if child >= key {
-                break;
-            }
-            self.keys[index] = child;
-            index = first + offset;
-        }
-        self.keys[index] = key;
-        Some(smallest)
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use proptest::prelude::*;
-
-    proptest! {
-        #[test]
-        fn the_open_list_gives_keys_in_order(keys in proptest::collection::vec(any::<u64>(), 0..300)) {
-            let mut open = OpenList::default();
-            let mut sorted = keys.clone();
-            sorted.sort_unstable();
-            for key in keys {
-                open.push(key);
-            }
-            let popped: Vec<u64> = std::iter::from_fn(|| open.pop()).collect();
-            prop_assert_eq!(popped, sorted);
-        }
-    }
 
     #[test]
     fn claimed_cells_are_forgotten_by_the_next_search() {
@@ -251,13 +208,31 @@ mod tests {
             ..GridSpec::default()
         };
         let mut memory = SearchMemory::new();
-        memory.prepare(&spec).unwrap();
-        memory.claim(3, 7);
-        memory.node_mut(State::new(3, 9)).cost = 1;
-        memory.prepare(&spec).unwrap();
-        assert!(!memory.is_claimed(3));
-        memory.claim(3, 7);
-        assert_eq!(memory.node(State::new(3, 9)).cost, u32::MAX);
-        assert_eq!(memory.blocks.len(), 1, "blocks are reused");
+        let state = State::new(3, 9);
+        for estimate in [7, 8] {
+            memory.prepare(&spec).unwrap();
+            let place = memory.place(state, |_| (estimate, false));
+            assert_eq!(place.cost, u32::MAX);
+            memory.reach(state, place, 1, Parent::new(5, 6));
+            assert_eq!(memory.place(state, |_| unreachable!()).cost, 1);
+            assert_eq!(memory.parent(state).step(), Some((5, 6)));
+        }
+        assert_eq!(memory.costs.len(), DIRECTIONS, "states are reused");
+        assert_eq!(memory.pop(), Some((state, 1)));
+        assert_eq!(memory.pop(), None);
+    }
+
+    #[test]
+    fn a_state_is_taken_once_at_its_best_cost() {
+        let mut memory = SearchMemory::new();
+        memory.prepare(&GridSpec::default()).unwrap();
+        let state = State::new(70, 200);
+        for cost in [30, 20, 10] {
+            let place = memory.place(state, |_| (4, true));
+            assert!(place.is_inside && cost < place.cost);
+            memory.reach(state, place, cost, Parent::new(0, 0));
+        }
+        assert_eq!(memory.pop(), Some((state, 10)));
+        assert_eq!(memory.pop(), None);
     }
 }

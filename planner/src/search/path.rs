@@ -68,17 +68,16 @@ fn actions_to(map: &CollisionMap, memory: &SearchMemory, last: State) -> Vec<u16
     let spec = map.spec();
     let mut actions = Vec::new();
     let mut state = last;
-    while memory.node(state).cost != 0 {
-        let node = memory.node(state);
-        actions.push(node.action);
-        let action = &map.model().table().actions()[usize::from(node.action)];
+    while let Some((number, from_direction)) = memory.parent(state).step() {
+        actions.push(number);
+        let action = &map.model().table().actions()[usize::from(number)];
         let mut cell = spec.cell_of_index(state.cell());
         cell.row -= action.d_row;
         cell.col -= action.d_col;
         let Some(index) = spec.index_of(cell) else {
             break;
         };
-        state = State::new(index, node.from_direction);
+        state = State::new(index, from_direction);
     }
     actions.reverse();
     actions
