@@ -9,7 +9,7 @@ use std::hint::black_box;
 use std::sync::Arc;
 
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
-use swath_bridge::{GridSpec, Vehicle};
+use swath_bridge::{GridSpec, Pose2, Vehicle};
 use swath_planner::search::{Limits, SearchMemory, search};
 use swath_planner::{CollisionMap, MotionModel, PlanConfig, Planner};
 
@@ -48,7 +48,7 @@ fn one_target(criterion: &mut Criterion) {
     let model = model();
     let successors = model.successors(SPEED_M_PER_S);
     let mut memory = SearchMemory::new();
-    let mut run = |map: &CollisionMap, goal| {
+    let mut run = |map: &CollisionMap, goal: &Pose2| {
         search(map, &successors, (goal, None), LIMITS, &mut memory).expect("no region, no error")
     };
     for scene in scenes::all() {
