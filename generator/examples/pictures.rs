@@ -1,15 +1,21 @@
 //! Draws samples of every kind of scene, side by side, to look at: obstacles black, the reference
 //! blue, the label green, the target red.
 //!
-//! `cargo run --release -p swath-generator --example pictures -- DIR [SEED] [COLUMNS]`
+//! `cargo run --release -p swath-generator --example pictures -- DIR [SEED] [COLUMNS] [LOG]`
+//!
+//! With a drive log there is one sheet, of its scenes.
 
 use std::error::Error;
 use std::fs::File;
 use std::io::BufWriter;
 use std::path::Path;
+use std::sync::Arc;
 
+use swath_bridge::ingest::IngestConfig;
 use swath_bridge::msg::swath::Sample;
-use swath_generator::{Generator, GeneratorConfig, SAMPLES_PER_TARGET, SceneKind, Scenes};
+use swath_generator::{
+    Generator, GeneratorConfig, LogScenes, SAMPLES_PER_TARGET, SceneKind, Scenes,
+};
 use swath_planner::search::SearchMemory;
 
 const SCALE: usize = 2;
@@ -70,26 +76,41 @@ fn main() -> Result<(), Box<dyn Error>> {
     let mut arguments = std::env::args().skip(1);
     let directory = arguments
         .next()
-        .ok_or("usage: pictures DIR [SEED] [COLUMNS]")?;
+        .ok_or("usage: pictures DIR [SEED] [COLUMNS] [LOG]")?;
     let seed: u64 = arguments.next().map_or(Ok(1), |text| text.parse())?;
     let columns: u64 = arguments.next().map_or(Ok(5), |text| text.parse())?;
     std::fs::create_dir_all(&directory)?;
-    let generator = Generator::new(GeneratorConfig::default(), Scenes::Procedural)?;
+    let Some(log) = arguments.next() else {
+        let generator = Generator::new(GeneratorConfig::default(), Scenes::Procedural)?;
+        let kinds = SceneKind::ALL.len() as u64;
+        for (kind_index, kind) in (0..).zip(SceneKind::ALL) {
+            let path = Path::new(&directory).join(format!("{}.png", kind.name()));
+            let indices = (0..columns).map(|column| column * kinds + kind_index);
+            draw_sheet(&generator, seed, indices.collect(), &path)?;
+        }
+        return Ok(());
+    };
+    let mut logs = LogScenes::new();
+    let frames = swath_bridge::ingest::frames(Path::new(&log), &IngestConfig::default())?;
+    logs.add("log", frames)?;
+    let generator = Generator::new(GeneratorConfig::default(), Scenes::Logs(Arc::new(logs)))?;
+    let path = Path::new(&directory).join("log.png");
+    draw_sheet(&generator, seed, (0..columns).collect(), &path)
+}
+
+/// Draws the first sample of each scene.
+fn draw_sheet(
+    generator: &Generator,
+    seed: u64,
+    scenes: Vec<u64>,
+    path: &Path,
+) -> Result<(), Box<dyn Error>> {
     let grid = generator.config().grid;
     let mut memory = SearchMemory::new();
-    let kinds = SceneKind::ALL.len() as u64;
-    for (kind_index, kind) in (0..).zip(SceneKind::ALL) {
-        let mut sheet = Sheet::new(
-            usize::try_from(columns)?,
-            grid.rows as usize,
-            grid.cols as usize,
-        );
-        for column in 0..columns {
-            let index = (column * kinds + kind_index) * SAMPLES_PER_TARGET;
-            let sample = generator.sample(seed, index, &mut memory)?;
-            sheet.draw(usize::try_from(column)?, &sample);
-        }
-        sheet.save(&Path::new(&directory).join(format!("{}.png", kind.name())))?;
+    let mut sheet = Sheet::new(scenes.len(), grid.rows as usize, grid.cols as usize);
+    for (column, scene) in scenes.into_iter().enumerate() {
+        let sample = generator.sample(seed, scene * SAMPLES_PER_TARGET, &mut memory)?;
+        sheet.draw(column, &sample);
     }
-    Ok(())
+    sheet.save(path)
 }

@@ -321,7 +321,7 @@ impl GeneratorConfig {
     }
 
     /// The same of what makes samples out of scenes.
-    fn sample_ranges(&self) -> [(&'static str, f64, Span); 23] {
+    fn sample_ranges(&self) -> [(&'static str, f64, Span); 24] {
         let (augment, targets, label) = (&self.augment, &self.targets, &self.label);
         let (radius, angle, step) = (Span(0.0, 20.0), Span(0.0, 4.0), Span(0.1, 1000.0));
         let expansions = label.max_expansions as f64;
@@ -330,6 +330,7 @@ impl GeneratorConfig {
             ("road.strip_share", self.road.strip_share, SHARE),
             ("road.median_share", self.road.median_share, SHARE),
             ("roadside.tree_share", self.roadside.tree_share, SHARE),
+            ("roadside.bush_share", self.roadside.bush_share, SHARE),
             ("turn.through_share", self.turn.through_share, SHARE),
             ("turn.three_arm_share", self.turn.three_arm_share, SHARE),
             ("parking.angled_share", self.parking.angled_share, SHARE),

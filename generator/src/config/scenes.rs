@@ -124,6 +124,12 @@ pub struct RoadsideConfig {
     pub tree_radius_m: Span,
     /// Share of road sides with trees or poles.
     pub tree_share: f64,
+    /// Share of road sides with bushes.
+    pub bush_share: f64,
+    /// Patches of bushes along a side that has them.
+    pub bush_patches: Span,
+    /// From the kerb to bushes, metres.
+    pub bush_setback_m: Span,
 }
 
 impl Default for RoadsideConfig {
@@ -138,6 +144,9 @@ impl Default for RoadsideConfig {
             tree_every_m: Span(5.0, 18.0),
             tree_radius_m: Span(0.1, 0.4),
             tree_share: 0.5,
+            bush_share: 0.3,
+            bush_patches: Span(1.0, 6.0),
+            bush_setback_m: Span(0.5, 6.0),
         }
     }
 }
@@ -151,6 +160,8 @@ spans_of!(RoadsideConfig, "roadside":
     house_gap_m 0.0 100.0,
     tree_every_m 0.5 100.0,
     tree_radius_m 0.01 5.0,
+    bush_patches 0.0 100.0,
+    bush_setback_m 0.0 50.0,
 );
 
 /// Parked and moving vehicles.

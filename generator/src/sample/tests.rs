@@ -104,6 +104,46 @@ fn most_targets_can_be_reached_and_far_ones_are_among_them() {
     assert_eq!(kinds.len(), 7);
 }
 
+/// FNV-1a.
+fn digest(bytes: &[u8]) -> u64 {
+    bytes.iter().fold(0xcbf2_9ce4_8422_2325, |hash, byte| {
+        (hash ^ u64::from(*byte)).wrapping_mul(0x0000_0100_0000_01b3)
+    })
+}
+
+/// Holds the promise that a seed means the same on every machine. A change of what is drawn changes
+/// these numbers, and is then to be noted as a change of every data set.
+#[test]
+fn known_samples_are_what_they_were_on_the_first_machine() {
+    let generator = generator();
+    let mut memory = SearchMemory::new();
+    let digests: Vec<u64> = (0..7)
+        .map(|kind| generator.sample(1, 5 * kind, &mut memory).unwrap())
+        .map(|sample| {
+            digest(
+                &[
+                    sample.obstacles,
+                    sample.reference,
+                    sample.target,
+                    sample.label,
+                ]
+                .concat(),
+            )
+        })
+        .collect();
+    assert_eq!(digests, KNOWN);
+}
+
+const KNOWN: [u64; 7] = [
+    0x535e_e68b_a2c2_ccce,
+    0xe960_1885_69dc_6a7b,
+    0x95cb_ca77_755e_6103,
+    0xa574_1e65_fc37_b272,
+    0x5181_141b_02e5_7855,
+    0x3384_8bac_d7d7_a90e,
+    0xfd82_26f2_dbc0_11e6,
+];
+
 /// Whether the full footprint at a pose holds the centre of an occupied cell.
 fn hits(vehicle: &swath_bridge::Vehicle, pose: &PlanarPose, obstacles: &[(f64, f64)]) -> bool {
     let (sin, cos) = f64::from(pose.yaw_rad).sin_cos();

@@ -1,4 +1,4 @@
-//! Kerbs, and the walls, hedges, houses and trees behind them.
+//! Kerbs, and the walls, hedges, houses, trees and bushes behind them.
 
 use swath_bridge::Pose2;
 
@@ -51,7 +51,8 @@ pub(super) fn add_kerb(site: &mut Site<'_>, points: &[[f64; 2]]) {
     }
 }
 
-/// What stands behind a kerb: nothing, a wall or hedge, houses, or both, and perhaps trees.
+/// What stands behind a kerb: nothing, a wall or hedge, houses, or both, and perhaps trees and
+/// bushes.
 pub(super) fn dress(site: &mut Site<'_>, points: &[[f64; 2]], side: Side) {
     let line = Course::through(points);
     let style = site.dice.below(5);
@@ -63,6 +64,9 @@ pub(super) fn dress(site: &mut Site<'_>, points: &[[f64; 2]], side: Side) {
     }
     if site.dice.chance(site.config.roadside.tree_share) {
         add_trees(site, &line, side);
+    }
+    if site.dice.chance(site.config.roadside.bush_share) {
+        add_bushes(site, &line, side);
     }
 }
 
@@ -143,6 +147,32 @@ fn add_trees(site: &mut Site<'_>, line: &Course, side: Side) {
         let pose: Pose2 = line.beside(along_m, side.sign() * (setback_m + radius_m));
         if edge_distance_m(site, [pose.x_m, pose.y_m]) >= 0.3 + radius_m {
             site.add_disc(pose, radius_m);
+        }
+    }
+}
+
+/// Patches of small things without order, as a lidar sees bushes.
+fn add_bushes(site: &mut Site<'_>, line: &Course, side: Side) {
+    let roadside = &site.config.roadside;
+    let (begin_m, end_m) = line.span_m();
+    for _ in 0..site.dice.count(roadside.bush_patches) {
+        let along_m = site.dice.within(Span(begin_m, end_m));
+        let setback_m = site.dice.within(roadside.bush_setback_m);
+        let (long_m, deep_m) = (
+            site.dice.within(Span(1.0, 4.0)),
+            site.dice.within(Span(0.5, 2.0)),
+        );
+        for _ in 0..site.dice.count(Span(4.0, 18.0)) {
+            let back_m = setback_m + deep_m * site.dice.unit();
+            let mut centre = line.beside(
+                along_m + long_m * (site.dice.unit() - 0.5),
+                side.sign() * back_m,
+            );
+            centre.yaw_rad = site.dice.within(Span(0.0, 3.0));
+            let size_m = site.dice.within(Span(0.15, 0.5));
+            if edge_distance_m(site, [centre.x_m, centre.y_m]) >= 0.3 + size_m {
+                site.add_box(centre, size_m, 0.6 * size_m);
+            }
         }
     }
 }
