@@ -1,5 +1,5 @@
-//! Writes one message of every type into a recording, and its values into a JSON file, for programs
-//! that others wrote to compare: `every_message OUT.mcap OUT.json`.
+//! Writes a message of every type, on every topic of swath, into a recording, and their values into a
+//! JSON file, for programs that others wrote to compare: `every_message OUT.mcap OUT.json`.
 
 use std::error::Error;
 
@@ -29,11 +29,14 @@ struct Out {
 
 impl Out {
     fn add<M: Message>(&mut self, message: &M) -> Result<(), Box<dyn Error>> {
-        let topic = topic_of(M::TYPE_NAME);
+        self.add_on(&topic_of(M::TYPE_NAME), message)
+    }
+
+    fn add_on<M: Message>(&mut self, topic: &str, message: &M) -> Result<(), Box<dyn Error>> {
         let publish_nanos = START_NANOS + 1_000_000 * self.messages.len() as u64;
         let log_nanos = publish_nanos + 1000;
         self.writer
-            .write_as(&topic, message, log_nanos, publish_nanos)?;
+            .write_as(topic, message, log_nanos, publish_nanos)?;
         self.messages.push(json!({
             "topic": topic,
             "type": M::TYPE_NAME,
@@ -182,11 +185,19 @@ fn navigation(out: &mut Out) -> Result<(), Box<dyn Error>> {
         origin: pose(-20.0),
     };
     out.add(&info)?;
-    out.add(&OccupancyGrid {
+    let grid = OccupancyGrid {
         header: header(),
         info,
         data: vec![-1, 0, 100, 50, -1, 127],
-    })?;
+    };
+    out.add(&grid)?;
+    out.add_on(&keys::topic_of_key(keys::region("v0").key()), &grid)?;
+    out.add_on(&keys::topic_of_key(keys::explored("v0").key()), &grid)?;
+    let stop = Path {
+        header: header(),
+        poses: Vec::new(),
+    };
+    out.add_on(&keys::topic_of_key(keys::path("v0").key()), &stop)?;
     out.add(&Odometry {
         header: header(),
         child_frame_id: "base_link".to_owned(),

@@ -33,6 +33,7 @@ trap finish EXIT
 
 "$target/release/examples/every_message" "$scratch/every.mcap" "$scratch/every.json"
 "$python" "$here/check_recording.py" "$scratch/every.mcap" "$scratch/every.json" bridge/msg
+"$python" "$here/compare_readers.py" "$scratch/every.mcap"
 
 port=$("$python" -c 'import socket; s = socket.socket(); s.bind(("127.0.0.1", 0)); print(s.getsockname()[1])')
 "$swath" --listen "tcp/127.0.0.1:$port" plan --vehicle interop >"$scratch/planner.log" 2>&1 &
