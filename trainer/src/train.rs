@@ -375,6 +375,12 @@ impl Run<'_> {
         learner: &mut Learner,
         observer: &mut dyn Observer,
     ) -> Result<Summary, Error> {
+        if let Some(directory) = &self.directory {
+            std::fs::create_dir_all(directory).map_err(|source| Error::Io {
+                path: directory.clone(),
+                source,
+            })?;
+        }
         let (batch, epochs) = (learner.config.batch, learner.config.epochs);
         let an_epoch = self.source.steps_per_epoch(batch);
         let total = an_epoch * epochs;
@@ -451,10 +457,6 @@ impl Run<'_> {
         let Some(directory) = &self.directory else {
             return Ok(());
         };
-        std::fs::create_dir_all(directory).map_err(|source| Error::Io {
-            path: directory.clone(),
-            source,
-        })?;
         write_atomically(&directory.join(WEIGHTS_FILE), &learner.weights())?;
         learner.checkpoint().save(&directory.join(CHECKPOINT_FILE))
     }

@@ -9,7 +9,7 @@ use tokio::sync::oneshot;
 use super::*;
 use crate::example::tests::{sample, small_spec};
 
-const PATIENCE: Duration = Duration::from_secs(60);
+const PATIENCE: Duration = Duration::from_mins(1);
 
 async fn soon<T>(what: impl Future<Output = T>) -> T {
     tokio::time::timeout(PATIENCE, what)
@@ -94,7 +94,8 @@ async fn a_node_that_is_started_again_publishes_what_it_had_and_goes_on() {
         theirs
     });
     let stop = std::future::pending();
-    soon(run(&ours, first, stop, |_| {})).await.unwrap();
+    let end = soon(Box::pin(run(&ours, first, stop, |_| {}))).await;
+    assert_eq!(end.unwrap().version, 1);
     let theirs = soon(publishing).await.unwrap();
     let kept = std::fs::read(path.join(WEIGHTS_FILE)).unwrap();
     let mut weights = theirs.subscriber(&keys::weights("test"), 8).await.unwrap();

@@ -58,6 +58,40 @@ fn a_training_that_was_stopped_and_resumed_equals_an_unbroken_one_bit_for_bit() 
     assert!(resumed.weights() == unbroken.weights());
 }
 
+/// Copies the checkpoint of an epoch away, as it would be found after a kill in a later one.
+struct Killed<'a> {
+    after_epoch: u64,
+    directory: &'a Path,
+}
+
+impl Observer for Killed<'_> {
+    fn epoch_ended(&mut self, report: &EpochReport) {
+        if report.epoch == self.after_epoch {
+            let found = self.directory.join("found");
+            std::fs::copy(self.directory.join(CHECKPOINT_FILE), found).unwrap();
+        }
+    }
+}
+
+#[test]
+fn a_training_that_was_killed_goes_on_from_the_last_epoch_as_if_it_had_not_been() {
+    let directory = tempfile::tempdir().unwrap();
+    let directory = directory.path();
+    let mut unbroken = learner(&config());
+    let mut killed = Killed {
+        after_epoch: 3,
+        directory,
+    };
+    run(&mut unbroken, Some(directory), &mut killed);
+    let path = directory.join("found");
+    let info = unbroken.info().clone();
+    let found = Checkpoint::load(&path).unwrap();
+    let mut resumed = Learner::resume(found, &path, &config(), info).unwrap();
+    assert_eq!(resumed.progress().step, 6);
+    run(&mut resumed, None, &mut Unobserved);
+    assert!(resumed.checkpoint() == unbroken.checkpoint());
+}
+
 #[test]
 fn a_checkpoint_of_other_settings_or_other_data_is_refused() {
     let mut first = learner(&config());
@@ -108,6 +142,25 @@ fn parts_of_a_batch_add_up_to_its_gradient() {
         norm(&off),
         norm(&whole)
     );
+}
+
+#[test]
+fn a_run_leaves_its_newest_and_its_best_weights_in_a_directory_of_its_own() {
+    let directory = tempfile::tempdir().unwrap();
+    let directory = directory.path().join("runs/first");
+    let mut learner = learner(&config());
+    let mut source = Recorded::new(examples(8), 1, true);
+    let run = Run {
+        source: &mut source,
+        validation: &examples(3),
+        directory: Some(directory.clone()),
+    };
+    let summary = run.train(&mut learner, &mut Unobserved).unwrap();
+    let miou = summary.validation.unwrap().scores.total.miou();
+    assert!(learner.progress().best_miou.unwrap() >= miou);
+    assert!(std::fs::read(directory.join(WEIGHTS_FILE)).unwrap() == learner.weights());
+    let best = std::fs::read(directory.join(BEST_FILE)).unwrap();
+    Network::load(&best).unwrap();
 }
 
 fn overfits(size: InputSize, spec: GridSpec) {
