@@ -183,7 +183,7 @@ fn pairs(plans: &DataFrame, baseline: &str, compared: &str) -> Result<DataFrame,
         plans
             .clone()
             .lazy()
-            .filter(col("method").eq(lit(method)))
+            .filter(col("method").eq(lit(method)).and(col("targets").gt(lit(0))))
             .group_by_stable(KEYS.map(col))
             .agg(MEASURES.map(|measure| col(measure).first()))
     };

@@ -14,7 +14,7 @@ const MESSAGES_PER_PROGRESS: u64 = 256;
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Progress<'a> {
     /// The recording that is being read.
-    pub recording: &'a Path,
+    pub path: &'a Path,
     /// Bytes read, of all recordings together.
     pub read_bytes: u64,
     /// Bytes of all recordings together.
@@ -52,7 +52,7 @@ pub(crate) fn read(
             messages += 1;
             if messages % MESSAGES_PER_PROGRESS == 0 {
                 progress(&Progress {
-                    recording: path,
+                    path,
                     read_bytes: read_bytes + reader.position_bytes(),
                     total_bytes,
                     messages,
@@ -61,7 +61,7 @@ pub(crate) fn read(
         }
         read_bytes += reader.len_bytes();
         progress(&Progress {
-            recording: path,
+            path,
             read_bytes,
             total_bytes,
             messages,

@@ -13,8 +13,8 @@ use std::path::{Path, PathBuf};
 
 use recordings::{after_ms, bench, run, sample, write};
 use swath_analysis::{Error, ReportOptions, Summary, report};
-use swath_bridge::keys;
 use swath_bridge::msg::tf2::TFMessage;
+use swath_bridge::{Outcome, keys};
 
 fn report_of(recordings: &[PathBuf], out_dir: &Path) -> Result<Summary, Error> {
     report(recordings, out_dir, &ReportOptions::default(), |_| {})
@@ -136,6 +136,43 @@ fn targets_are_compared_where_both_methods_reached_them() {
         ("measure", "cost of targets that both reached"),
     ];
     assert_near(&numbers(&rows, &cost, ["of_pairs_median"]), &[[1.2]]);
+}
+
+#[test]
+fn many_other_numbers_of_targets_are_left_to_the_files() {
+    let directory = tempfile::tempdir().unwrap();
+    let file = write(directory.path(), "odd.mcap", |writer| {
+        for count in 0..=30u8 {
+            let solved = |_| recordings::target(count, Outcome::Solved, (1.0, 1, 1.0));
+            for method in ["tiev", "tiev-fcn"] {
+                let targets = (0..count).map(solved).collect();
+                let report = recordings::plan(u64::from(count), method, 1.0, targets);
+                let nanos = report.header.stamp.nanos();
+                writer
+                    .write(&keys::plan("bench"), &report, nanos, nanos)
+                    .unwrap();
+            }
+        }
+    });
+    report_of(&[file], &directory.path().join("out")).unwrap();
+    let text = fs::read_to_string(directory.path().join("out/report.md")).unwrap();
+    // Of 1 to 30 the paper has seven; plans to no target are no comparison at all.
+    assert!(
+        text.contains("23 frames with 23 other numbers of targets"),
+        "{text}"
+    );
+    assert!(
+        text.contains("| 30 | 1 |") && !text.contains("| 29 | 1 |"),
+        "{text}"
+    );
+    let chosen = [("pairs_with", "all"), ("method", "tiev")];
+    let rows = numbers(
+        &table(directory.path(), "comparisons"),
+        &chosen,
+        ["targets"],
+    );
+    let expected: Vec<[f64; 1]> = (1..=30u8).map(|count| [f64::from(count)]).collect();
+    assert_near(&rows, &expected);
 }
 
 #[test]

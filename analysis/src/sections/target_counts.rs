@@ -8,6 +8,9 @@ use crate::format::{NOTHING, count, median, optional, spread, times, times_of_pa
 use crate::grid::{Grid, escape_markdown};
 use crate::paper;
 
+/// Most numbers of targets beside the paper's that are shown; live planners give every number there is.
+const MAX_OTHER_NUMBERS: usize = 12;
+
 /// The section, from all comparisons.
 pub(crate) fn section(comparisons: &[Comparison], drawn: &[String]) -> Section {
     let mut section = Section::titled("Number of targets");
@@ -57,6 +60,7 @@ fn compare(section: &mut Section, comparisons: &[&Comparison]) {
     let (baseline, compared) = (&first.baseline.method, &first.compared.method);
     let (shown_baseline, shown_compared) = (escape_markdown(baseline), escape_markdown(compared));
     section.heading(&format!("{shown_compared} against {shown_baseline}"));
+    let comparisons = &shown(section, comparisons);
     section.labelled_table(
         format!("tab:targets-{compared}"),
         format!("Time and targets reached by number of targets, {compared} against {baseline}."),
@@ -73,6 +77,22 @@ fn compare(section: &mut Section, comparisons: &[&Comparison]) {
         "Ratios over the targets that both methods reached; the cost is the true one, never scaled.",
     );
     section.table(&target_table(comparisons, baseline, compared));
+}
+
+/// Leaves out the numbers of targets that the paper does not have if they are many, and says so.
+fn shown<'a>(section: &mut Section, comparisons: &[&'a Comparison]) -> Vec<&'a Comparison> {
+    let is_in_paper = |c: &&Comparison| paper::target_count(c.targets).is_some();
+    let (in_paper, others): (Vec<_>, Vec<_>) = comparisons.iter().copied().partition(is_in_paper);
+    if others.len() <= MAX_OTHER_NUMBERS {
+        return comparisons.to_vec();
+    }
+    let frames: usize = others.iter().map(|comparison| comparison.pairs).sum();
+    section.paragraph(&format!(
+        "{} frames with {} other numbers of targets are in `tables/comparisons.csv` alone.",
+        count(frames as u64),
+        others.len()
+    ));
+    in_paper
 }
 
 /// The paper's table with our columns before its own. A number of targets that the paper has and the
