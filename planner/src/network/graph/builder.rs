@@ -1,0 +1,309 @@
+//! Writes down ENet: blocks, bottlenecks, names of parameters.
+
+use super::{
+    Activation, BufferId, Conv, Extent, Graph, INITIAL_CONVOLVED, INPUT_PLANES, Kind, Norm, Op,
+    SIDE_MULTIPLE, TensorSpec, Window,
+};
+
+/// Share of channels that the first stage drops in training.
+const DROPOUT_EARLY: f32 = 0.01;
+/// Share of channels that the later stages drop in training.
+const DROPOUT_LATE: f32 = 0.1;
+/// Channels of a block for one of its middle convolution.
+const REDUCTION: usize = 4;
+
+impl Graph {
+    /// ENet for inputs of `rows` × `cols`, both multiples of [`SIDE_MULTIPLE`].
+    pub(crate) fn enet(rows: usize, cols: usize) -> Self {
+        debug_assert!(rows.is_multiple_of(SIDE_MULTIPLE) && cols.is_multiple_of(SIDE_MULTIPLE));
+        let mut builder = Builder::new(Extent {
+            rows,
+            cols,
+            channels: INPUT_PLANES,
+        });
+        let mut x = builder.initial();
+        x = builder.downsampling("stage1.0", x, 64, DROPOUT_EARLY);
+        for index in 1..=4 {
+            let plain = Style::encoder(DROPOUT_EARLY);
+            x = builder.bottleneck(&format!("stage1.{index}"), x, Middle::Plain, plain);
+        }
+        x = builder.downsampling("stage2.0", x, 128, DROPOUT_LATE);
+        for stage in [2, 3] {
+            for (index, middle) in (1..).zip(Middle::STAGE) {
+                let style = Style::encoder(DROPOUT_LATE);
+                x = builder.bottleneck(&format!("stage{stage}.{index}"), x, middle, style);
+            }
+        }
+        x = builder.upsampling("stage4.0", x, 64);
+        for index in 1..=2 {
+            let name = format!("stage4.{index}");
+            x = builder.bottleneck(&name, x, Middle::Plain, Style::DECODER);
+        }
+        x = builder.upsampling("stage5.0", x, 16);
+        x = builder.bottleneck("stage5.1", x, Middle::Plain, Style::DECODER);
+        builder.head(x);
+        builder.graph
+    }
+}
+
+#[derive(Debug, Clone, Copy)]
+enum Middle {
+    Plain,
+    Dilated(usize),
+    /// 5×1 and 1×5.
+    Asymmetric,
+}
+
+impl Middle {
+    /// Bottlenecks 2.1 to 2.8 and 3.1 to 3.8.
+    const STAGE: [Self; 8] = [
+        Self::Plain,
+        Self::Dilated(2),
+        Self::Asymmetric,
+        Self::Dilated(4),
+        Self::Plain,
+        Self::Dilated(8),
+        Self::Asymmetric,
+        Self::Dilated(16),
+    ];
+}
+
+/// Where encoder and decoder differ.
+#[derive(Debug, Clone, Copy)]
+struct Style {
+    prelu: bool,
+    dropout: f32,
+}
+
+impl Style {
+    const DECODER: Self = Self {
+        prelu: false,
+        dropout: 0.0,
+    };
+
+    const fn encoder(dropout: f32) -> Self {
+        Self {
+            prelu: true,
+            dropout,
+        }
+    }
+}
+
+struct Builder {
+    graph: Graph,
+}
+
+impl Builder {
+    fn new(input: Extent) -> Self {
+        Self {
+            graph: Graph {
+                tensors: Vec::new(),
+                buffers: vec![input],
+                ops: Vec::new(),
+                trained_len: 0,
+                running_len: 0,
+            },
+        }
+    }
+
+    fn tensor(&mut self, name: String, shape: Vec<usize>, kind: Kind) -> usize {
+        let graph = &mut self.graph;
+        let len = if kind.is_trained() {
+            &mut graph.trained_len
+        } else {
+            &mut graph.running_len
+        };
+        let start = *len;
+        *len += shape.iter().product::<usize>();
+        graph.tensors.push(TensorSpec {
+            name,
+            shape,
+            kind,
+            start,
+        });
+        start
+    }
+
+    fn buffer(&mut self, extent: Extent) -> BufferId {
+        self.graph.buffers.push(extent);
+        self.graph.buffers.len() - 1
+    }
+
+    fn conv(&mut self, name: &str, x: BufferId, outputs: usize, window: Window) -> BufferId {
+        let input = self.graph.buffers[x];
+        let y = self.buffer(window.output(input, outputs));
+        self.conv_into(name, (x, y), outputs, window);
+        y
+    }
+
+    fn conv_into(
+        &mut self,
+        name: &str,
+        (x, y): (BufferId, BufferId),
+        outputs: usize,
+        window: Window,
+    ) {
+        let inputs = self.graph.buffers[x].channels;
+        let (rows, cols) = window.kernel;
+        let shape = if window.transposed {
+            vec![inputs, outputs, rows, cols]
+        } else {
+            vec![outputs, inputs, rows, cols]
+        };
+        let fan_in = inputs * window.taps() / if window.transposed { 4 } else { 1 };
+        let kind = Kind::Kernel { fan_in };
+        let kernel = self.tensor(format!("{name}.weight"), shape, kind);
+        self.graph.ops.push(Op::Conv(Conv {
+            x,
+            y,
+            window,
+            kernel,
+            inputs,
+            outputs,
+        }));
+    }
+
+    fn norm(
+        &mut self,
+        name: &str,
+        x: BufferId,
+        residual: Option<BufferId>,
+        (activation, dropout): (Activation, f32),
+    ) -> BufferId {
+        let extent = self.graph.buffers[x];
+        let shape = || vec![extent.channels];
+        let scale = self.tensor(format!("{name}.weight"), shape(), Kind::Scale);
+        self.tensor(format!("{name}.bias"), shape(), Kind::Shift);
+        let running = self.tensor(format!("{name}.running_mean"), shape(), Kind::RunningMean);
+        let kind = Kind::RunningVariance;
+        self.tensor(format!("{name}.running_var"), shape(), kind);
+        let y = self.buffer(extent);
+        self.graph.ops.push(Op::Norm(Norm {
+            x,
+            y,
+            residual,
+            scale,
+            running,
+            channels: extent.channels,
+            activation,
+            dropout,
+        }));
+        y
+    }
+
+    fn activation(&mut self, name: &str, channels: usize, prelu: bool) -> Activation {
+        if prelu {
+            let name = format!("{name}.weight");
+            Activation::Prelu(self.tensor(name, vec![channels], Kind::Slope))
+        } else {
+            Activation::Relu
+        }
+    }
+
+    /// Convolution, normalisation, activation.
+    fn unit(
+        &mut self,
+        name: &str,
+        x: BufferId,
+        (outputs, window): (usize, Window),
+        prelu: bool,
+    ) -> BufferId {
+        let raw = self.conv(&format!("{name}.conv"), x, outputs, window);
+        let activation = self.activation(&format!("{name}.prelu"), outputs, prelu);
+        self.norm(&format!("{name}.norm"), raw, None, (activation, 0.0))
+    }
+
+    fn initial(&mut self) -> BufferId {
+        let x = Graph::INPUT;
+        let window = Window::HALVING_NEIGHBOURS;
+        let channels = INITIAL_CONVOLVED + INPUT_PLANES;
+        let y = self.buffer(window.output(self.graph.buffers[x], channels));
+        self.conv_into("initial.conv", (x, y), INITIAL_CONVOLVED, window);
+        self.graph.ops.push(Op::PoolInput {
+            x,
+            y,
+            offset: INITIAL_CONVOLVED,
+        });
+        let activation = self.activation("initial.prelu", channels, true);
+        self.norm("initial.norm", y, None, (activation, 0.0))
+    }
+
+    /// The last projection, its normalisation, the sum with the other branch, the activation.
+    fn merge(
+        &mut self,
+        name: &str,
+        x: BufferId,
+        (outputs, residual): (usize, BufferId),
+        style: Style,
+    ) -> BufferId {
+        let raw = self.conv(&format!("{name}.expand.conv"), x, outputs, Window::POINT);
+        let activation = self.activation(&format!("{name}.out.prelu"), outputs, style.prelu);
+        let norm = format!("{name}.expand.norm");
+        self.norm(&norm, raw, Some(residual), (activation, style.dropout))
+    }
+
+    fn bottleneck(&mut self, name: &str, x: BufferId, middle: Middle, style: Style) -> BufferId {
+        let outputs = self.graph.buffers[x].channels;
+        let inner = outputs / REDUCTION;
+        let part = |part: &str| format!("{name}.{part}");
+        let mut y = self.unit(&part("reduce"), x, (inner, Window::POINT), style.prelu);
+        let windows: &[(&str, Window)] = match middle {
+            Middle::Plain => &[("middle", Window::NEIGHBOURS)],
+            Middle::Dilated(dilation) => &[("middle", Window::dilated(dilation))],
+            Middle::Asymmetric => &[
+                ("middle.0", Window::line((5, 1))),
+                ("middle.1", Window::line((1, 5))),
+            ],
+        };
+        for (suffix, window) in windows {
+            y = self.unit(&part(suffix), y, (inner, *window), style.prelu);
+        }
+        self.merge(name, y, (outputs, x), style)
+    }
+
+    fn downsampling(&mut self, name: &str, x: BufferId, outputs: usize, dropout: f32) -> BufferId {
+        let inner = outputs / REDUCTION;
+        let input = self.graph.buffers[x];
+        let main = self.buffer(Window::HALVING.output(input, outputs));
+        self.graph.ops.push(Op::Pool { x, y: main });
+        let reduced = self.unit(&format!("{name}.reduce"), x, (inner, Window::HALVING), true);
+        let window = (inner, Window::NEIGHBOURS);
+        let y = self.unit(&format!("{name}.middle"), reduced, window, true);
+        self.merge(name, y, (outputs, main), Style::encoder(dropout))
+    }
+
+    fn upsampling(&mut self, name: &str, x: BufferId, outputs: usize) -> BufferId {
+        let inner = outputs / REDUCTION;
+        let skip = self.conv(&format!("{name}.skip.conv"), x, outputs, Window::POINT);
+        let plain = (Activation::Identity, 0.0);
+        let skip = self.norm(&format!("{name}.skip.norm"), skip, None, plain);
+        let small = self.graph.buffers[skip];
+        let main = self.buffer(Extent {
+            rows: small.rows * 2,
+            cols: small.cols * 2,
+            ..small
+        });
+        self.graph.ops.push(Op::Upsample { x: skip, y: main });
+        let point = (inner, Window::POINT);
+        let y = self.unit(&format!("{name}.reduce"), x, point, false);
+        let doubling = (inner, Window::DOUBLING);
+        let y = self.unit(&format!("{name}.middle"), y, doubling, false);
+        self.merge(name, y, (outputs, main), Style::DECODER)
+    }
+
+    fn head(&mut self, x: BufferId) {
+        let input = self.graph.buffers[x];
+        let y = self.buffer(Extent {
+            rows: input.rows * 2,
+            cols: input.cols * 2,
+            channels: 1,
+        });
+        let kind = Kind::Kernel {
+            fan_in: input.channels,
+        };
+        let shape = vec![input.channels, 1, 2, 2];
+        let kernel = self.tensor("head.weight".to_owned(), shape, kind);
+        let bias = self.tensor("head.bias".to_owned(), vec![1], Kind::Shift);
+        self.graph.ops.push(Op::Head { x, y, kernel, bias });
+    }
+}
