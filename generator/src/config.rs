@@ -238,7 +238,7 @@ impl Default for LabelConfig {
             path_radius_m: 1.4,
             reference_radius_m: 1.0,
             target_radius_m: 1.0,
-            max_expansions: 130_000,
+            max_expansions: 300_000,
         }
     }
 }
