@@ -43,6 +43,23 @@ impl Beams {
                 *height_m = sensor_height_m + slope * range_m - ground_m(sector, bin);
             }
         }
+        self.close_gaps(lowest_slope);
+    }
+
+    /// A sector without any beam between two that have some was passed where both were.
+    fn close_gaps(&mut self, lowest_slope: &[f32]) {
+        let bins = self.polar.bins;
+        let is_empty = |sector: usize| lowest_slope[sector * bins].is_infinite();
+        for sector in 0..self.polar.sectors() {
+            let left = self.polar.beside(sector, true);
+            let right = self.polar.beside(sector, false);
+            if is_empty(sector) && !is_empty(left) && !is_empty(right) {
+                for bin in 0..bins {
+                    let height_m = self.height_m(left, bin).max(self.height_m(right, bin));
+                    self.height_m[sector * bins + bin] = height_m;
+                }
+            }
+        }
     }
 
     /// Takes the beams of a planar scan: for each sector the distance to the nearest end of a beam,

@@ -22,12 +22,13 @@ const WELL_BELOW: f32 = 0.6;
 
 /// A return from an obstacle, in the vehicle frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
-#[expect(clippy::struct_field_names, reason = "the names end in their unit")]
 pub(crate) struct Return {
     pub(crate) x_m: f32,
     pub(crate) y_m: f32,
-    /// Over the ground.
-    pub(crate) height_m: f32,
+    /// Height over the ground of what it came from, as far as it was seen.
+    pub(crate) top_m: f32,
+    /// Returns it counts for.
+    pub(crate) weight: u16,
 }
 
 /// A cell that was hit.
@@ -205,9 +206,9 @@ impl Evidence {
             let fresh = Hit {
                 cell,
                 position_m,
-                top_m: found.height_m,
+                top_m: found.top_m,
                 score: HIT_SCORE,
-                returns: 1,
+                returns: found.weight,
                 sweep: self.sweep,
                 nanos,
                 travelled_m,
@@ -223,12 +224,12 @@ impl Evidence {
             if hit.cell != cell {
                 *hit = fresh;
             } else if hit.sweep == self.sweep {
-                hit.returns = hit.returns.saturating_add(1);
-                hit.top_m = hit.top_m.max(found.height_m);
+                hit.returns = hit.returns.saturating_add(found.weight);
+                hit.top_m = hit.top_m.max(found.top_m);
             } else {
                 *hit = Hit {
                     score: (hit.score + HIT_SCORE).min(MAX_SCORE),
-                    returns: hit.returns.saturating_add(1),
+                    returns: hit.returns.saturating_add(found.weight),
                     ..fresh
                 };
             }

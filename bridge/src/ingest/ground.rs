@@ -3,8 +3,9 @@
 //! The ground's height at the sensor is the most frequent height below it. From there the ground is
 //! followed outward, bin by bin in each sector: the lowest return of a bin is ground if it continues
 //! what was ground before at no more than a slope. Where there is no such return, because something
-//! hides it or no ring falls there, the height is carried on, and neighbouring sectors repair it as
-//! soon as one of them sees the ground again. Nothing here needs the lidar's height or rings.
+//! hides it or no ring falls there, height and rise are carried on, the rise ever less, and
+//! neighbouring sectors repair both as soon as one of them sees the ground again. Nothing here needs
+//! the lidar's height or rings.
 
 use super::cloud::Point;
 use super::polar::{BIN_M, Polar};
@@ -21,6 +22,12 @@ const MAX_UNSEEN_RISE_M: f32 = 0.25;
 const MAX_UNSEEN_FALL_M: f32 = 1.0;
 /// How far from seen ground its height is trusted, metres.
 const TRUSTED_M: f32 = 3.0;
+/// How much a metre of unseen ground may rise or fall otherwise than it was carried on.
+const UNSEEN_GRADE: f32 = 0.04;
+/// Distance over which a new rise replaces the old one, metres.
+const RISE_M: f32 = 4.0;
+/// What is left of a carried rise after each bin.
+const RISE_LEFT: f32 = 0.96;
 /// Around the sensor, where its height above ground is taken from, metres.
 const NEAR_M: std::ops::Range<f32> = 1.0..15.0;
 /// Ground is at least this far below the sensor, metres.
@@ -32,6 +39,16 @@ const STEPS: usize = 60;
 /// Fewest returns that make a height.
 const MIN_RETURNS: u32 = 30;
 
+/// Depth of a bin of ground, metres.
+const DEPTH_M: f32 = BIN_M * BINS_MERGED as f32;
+
+/// Ground carried on from the bins before.
+struct Carried {
+    height_m: f32,
+    rise: f32,
+    unseen_m: f32,
+}
+
 /// The ground around a sensor.
 #[derive(Debug)]
 pub(crate) struct Ground {
@@ -40,6 +57,8 @@ pub(crate) struct Ground {
     height_m: Vec<f32>,
     /// Distance since ground was seen, metres, by sector and bin.
     unseen_m: Vec<f32>,
+    /// Rise over run, outward, by sector and bin.
+    rise: Vec<f32>,
     /// Lowest return of each bin.
     low_m: Vec<f32>,
     /// Height below the sensor; kept for sweeps with too few returns.
@@ -54,6 +73,7 @@ impl Ground {
             bins,
             height_m: vec![0.0; len],
             unseen_m: vec![0.0; len],
+            rise: vec![0.0; len],
             low_m: vec![f32::INFINITY; len],
             at_sensor_m: None,
         }
@@ -69,9 +89,14 @@ impl Ground {
         self.height_m[index]
     }
 
-    /// Whether ground was seen here or near by.
-    pub(crate) fn is_trusted(&self, index: usize) -> bool {
-        self.unseen_m[index] <= TRUSTED_M
+    /// How far off the height may be, metres: 0 where ground was seen here or near by.
+    pub(crate) fn doubt_m(&self, index: usize) -> f32 {
+        let unseen_m = self.unseen_m[index];
+        if unseen_m <= TRUSTED_M {
+            0.0
+        } else {
+            unseen_m * UNSEEN_GRADE
+        }
     }
 
     /// Finds the ground of a sweep. `places` are the sector and bin of each point.
@@ -99,33 +124,50 @@ impl Ground {
     }
 
     fn follow_outward(&mut self, at_sensor_m: f32, max_slope: f32) {
-        let depth_m = BIN_M * BINS_MERGED as f32;
         let sectors = self.height_m.len() / self.bins;
         for bin in 0..self.bins {
             for sector in 0..sectors {
                 let index = sector * self.bins + bin;
-                let (before_m, unseen_m) = if bin == 0 {
-                    (at_sensor_m, 0.0)
+                let carried = if bin == 0 {
+                    Carried {
+                        height_m: at_sensor_m,
+                        rise: 0.0,
+                        unseen_m: DEPTH_M,
+                    }
                 } else {
                     let left = (sector + 1) % sectors * self.bins + bin - 1;
                     let right = (sector + sectors - 1) % sectors * self.bins + bin - 1;
-                    let [left_m, own_m, right_m] =
-                        [left, index - 1, right].map(|index| self.height_m[index]);
-                    let unseen_m = self.unseen_m[index - 1]
-                        .min(self.unseen_m[left])
-                        .min(self.unseen_m[right]);
-                    (middle(left_m, own_m, right_m), unseen_m + depth_m)
+                    self.carried([left, index - 1, right])
                 };
-                let step_m = self.low_m[index] - before_m;
-                let slack_m = max_slope * unseen_m;
+                let step_m = self.low_m[index] - carried.height_m;
+                let slack_m = max_slope * carried.unseen_m;
                 let is_ground = step_m <= ROUGHNESS_M + slack_m.min(MAX_UNSEEN_RISE_M)
                     && step_m >= -ROUGHNESS_M - slack_m.min(MAX_UNSEEN_FALL_M);
-                (self.height_m[index], self.unseen_m[index]) = if is_ground {
-                    (self.low_m[index], 0.0)
+                if is_ground {
+                    let rise = carried.rise + step_m / carried.unseen_m.max(RISE_M);
+                    self.rise[index] = rise.clamp(-max_slope, max_slope);
+                    self.height_m[index] = self.low_m[index];
+                    self.unseen_m[index] = 0.0;
                 } else {
-                    (before_m, unseen_m)
-                };
+                    self.rise[index] = carried.rise * RISE_LEFT;
+                    self.height_m[index] = carried.height_m;
+                    self.unseen_m[index] = carried.unseen_m;
+                }
             }
+        }
+    }
+
+    /// What the bins before say about the next one.
+    fn carried(&self, before: [usize; 3]) -> Carried {
+        let rise = middle(before.map(|index| self.rise[index]));
+        Carried {
+            height_m: middle(before.map(|index| self.height_m[index])) + rise * DEPTH_M,
+            rise,
+            unseen_m: before
+                .map(|index| self.unseen_m[index])
+                .into_iter()
+                .fold(f32::MAX, f32::min)
+                + DEPTH_M,
         }
     }
 }
@@ -152,6 +194,6 @@ fn height_at_sensor(points: &[Point], places: &[(u16, u16)], sensor: Point) -> O
     (count >= MIN_RETURNS).then(|| sensor[2] - STEP_M * (step as f32 + 1.5 - upper_part))
 }
 
-fn middle(a: f32, b: f32, c: f32) -> f32 {
+fn middle([a, b, c]: [f32; 3]) -> f32 {
     a.max(b).min(a.min(b).max(c))
 }

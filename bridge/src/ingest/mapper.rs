@@ -22,6 +22,12 @@ const HITS_A_CELL: f64 = 2.0;
 /// Height that hits of a planar scan are taken to have, metres: its beams are at height 0, so any of
 /// them clears.
 const SCAN_TOP_M: f32 = 1.0;
+/// Returns that one of a scan counts for if its neighbours ended near by.
+const JOINED_WEIGHT: u16 = 1000;
+/// How far apart returns of neighbouring beams are joined, metres, and in widths of a beam besides.
+const JOINED_M: f32 = 0.3;
+/// See above.
+const JOINED_BEAMS: f32 = 3.0;
 /// Where the ground was not seen, returns this much of the least height apart, one above the other,
 /// stand on it all the same.
 const UPRIGHT_PART: f32 = 0.8;
@@ -180,15 +186,24 @@ impl Mapper {
         self.is_ground.fill(false);
         self.returns.clear();
         if let Some(beams) = &mut self.beams {
+            let apart_a_m = JOINED_BEAMS * step_rad.abs();
             let mut reach_m = vec![f32::INFINITY; beams.polar.sectors()];
-            for end in ends.iter().filter(|end| !self.own.has(end.x_m, end.y_m)) {
+            for (number, end) in ends.iter().enumerate() {
+                if self.own.has(end.x_m, end.y_m) {
+                    continue;
+                }
                 let (sector, _, range_m) = beams.polar.locate(end.x_m, end.y_m);
                 reach_m[sector] = reach_m[sector].min(range_m);
                 if end.is_hit {
                     self.returns.push(Return {
                         x_m: end.x_m,
                         y_m: end.y_m,
-                        height_m: SCAN_TOP_M,
+                        top_m: SCAN_TOP_M,
+                        weight: if is_joined(ends, number, apart_a_m * range_m) {
+                            JOINED_WEIGHT
+                        } else {
+                            1
+                        },
                     });
                 }
             }
@@ -219,13 +234,7 @@ impl Mapper {
         let mut free = self.evidence.free_space();
         for (index, value) in occupancy.cells.iter_mut().enumerate() {
             let (sector, bin) = self.cell_places[index];
-            let (sector, bin) = (usize::from(sector), usize::from(bin));
-            let left = beams.polar.beside(sector, true);
-            let right = beams.polar.beside(sector, false);
-            // Between two sectors that were passed, one without a beam was passed as well.
-            let lowest_m = beams
-                .height_m(sector, bin)
-                .min(beams.height_m(left, bin).max(beams.height_m(right, bin)));
+            let lowest_m = beams.height_m(usize::from(sector), usize::from(bin));
             let (x_m, y_m) = spec.centre_of(spec.cell_of_index(index));
             #[expect(clippy::cast_possible_truncation, reason = "a cell of the grid")]
             let is_own = self.own.has(x_m as f32, y_m as f32);
@@ -343,29 +352,34 @@ impl Mapper {
             .resize(config.spec.len(), (f32::INFINITY, f32::NEG_INFINITY));
         let height_of = |point: &Point, place: &(u16, u16)| {
             let index = ground.index(usize::from(place.0), usize::from(place.1));
-            (point[2] - ground.height_m(index), ground.is_trusted(index))
+            (point[2] - ground.height_m(index), ground.doubt_m(index))
         };
         for (point, place) in sweep.points.iter().zip(&sweep.places) {
-            let (height_m, is_trusted) = height_of(point, place);
+            let (height_m, doubt_m) = height_of(point, place);
             if height_m < max_m
                 && let Some(index) = cells.index_of(point[0], point[1])
             {
                 let (low_m, high_m) = &mut sweep.extents_m[index];
                 (*low_m, *high_m) = (low_m.min(point[2]), high_m.max(point[2]));
-                self.is_ground[index] |= is_trusted && height_m < min_m;
+                self.is_ground[index] |= doubt_m == 0.0 && height_m < min_m;
             }
         }
         self.returns.clear();
         for (point, place) in sweep.points.iter().zip(&sweep.places) {
-            let (height_m, is_trusted) = height_of(point, place);
-            if height_m >= min_m
-                && height_m < max_m
-                && (is_trusted || cells.is_upright(point, &sweep.extents_m, UPRIGHT_PART * min_m))
-            {
+            let (height_m, doubt_m) = height_of(point, place);
+            if height_m < min_m || height_m >= max_m {
+                continue;
+            }
+            let (low_m, high_m) = cells.extent_around(point, &sweep.extents_m);
+            if height_m >= min_m + doubt_m || high_m - low_m >= UPRIGHT_PART * min_m {
+                // The top of the whole thing: the lowest line alone would set a low one, which no
+                // other beam passes below.
+                let top_m = height_m + (high_m - point[2]).max(0.0);
                 self.returns.push(Return {
                     x_m: point[0],
                     y_m: point[1],
-                    height_m,
+                    top_m,
+                    weight: 1,
                 });
             }
         }
@@ -379,6 +393,20 @@ impl Mapper {
                 .drop_stale(beams, |x_m, y_m| own.has(x_m, y_m));
         }
     }
+}
+
+/// Whether one of the two beams to either side ended near a beam's end: what is joined is no noise,
+/// however sparse the beams are.
+fn is_joined(ends: &[BeamEnd], number: usize, apart_m: f32) -> bool {
+    let end = &ends[number];
+    let most_m = JOINED_M + apart_m;
+    let around = &ends[number.saturating_sub(2)..(number + 3).min(ends.len())];
+    let near = around.iter().filter(|other| {
+        let (dx, dy) = (other.x_m - end.x_m, other.y_m - end.y_m);
+        other.is_hit && dx * dx + dy * dy <= most_m * most_m
+    });
+    // The beam itself is one of them.
+    near.count() > 1
 }
 
 fn check_pose(pose: &Pose2) -> Result<(), Error> {
@@ -427,19 +455,22 @@ impl CellFinder {
         (row < self.rows && col < self.cols).then(|| row * self.cols + col)
     }
 
-    /// Whether returns in the point's cell or the eight around it lie at least so far apart in height.
-    fn is_upright(&self, point: &Point, extents_m: &[(f32, f32)], apart_m: f32) -> bool {
+    /// Lowest and highest return in the point's cell and the eight around it, metres.
+    fn extent_around(&self, point: &Point, extents_m: &[(f32, f32)]) -> (f32, f32) {
+        let (mut low_m, mut high_m) = (point[2], point[2]);
         let Some(index) = self.index_of(point[0], point[1]) else {
-            return false;
+            return (low_m, high_m);
         };
         let (row, col) = (index / self.cols, index % self.cols);
-        let (mut low_m, mut high_m) = (f32::INFINITY, f32::NEG_INFINITY);
-        for row in row.saturating_sub(1)..=(row + 1).min(self.rows - 1) {
-            for col in col.saturating_sub(1)..=(col + 1).min(self.cols - 1) {
-                let (low, high) = extents_m[row * self.cols + col];
-                (low_m, high_m) = (low_m.min(low), high_m.max(high));
+        let cols = col.saturating_sub(1)..(col + 2).min(self.cols);
+        for row in row.saturating_sub(1)..(row + 2).min(self.rows) {
+            for (low, high) in &extents_m[row * self.cols..][cols.clone()] {
+                (low_m, high_m) = (low_m.min(*low), high_m.max(*high));
             }
         }
-        high_m - low_m >= apart_m
+        (low_m, high_m)
     }
 }
+
+#[cfg(test)]
+mod tests;
