@@ -241,7 +241,7 @@ fn both_kinds_of_lidar_give_a_frame_a_sweep_with_the_wall_in_its_place() {
             .write(&path, kind);
             let frames = all_frames(&path, &IngestConfig::default());
             assert_eq!(frames.len(), 20);
-            for (step, frame) in (0..).zip(&frames) {
+            for (step, frame) in (0u32..).zip(&frames) {
                 let x_m = 0.5 * f64::from(step);
                 assert!(
                     has_wall(frame, 30.0 - x_m),
@@ -249,7 +249,7 @@ fn both_kinds_of_lidar_give_a_frame_a_sweep_with_the_wall_in_its_place() {
                 );
                 assert_eq!(
                     frame.stamp_nanos,
-                    START_NANOS + u64::from(step as u32) * STEP_NANOS
+                    START_NANOS + u64::from(step) * STEP_NANOS
                 );
                 assert!((frame.odom_from_vehicle.x_m - x_m).abs() < 1e-9);
                 assert!((frame.speed_m_per_s - 5.0).abs() < 1e-6);
@@ -374,7 +374,7 @@ fn bad_messages_are_counted_and_passed_over() {
         .unwrap();
     writer.finish().unwrap();
     let mut frames = frames(&path, &IngestConfig::default()).unwrap();
-    assert_eq!(frames.by_ref().filter(Result::is_ok).count(), 5);
+    assert_eq!(frames.by_ref().map(Result::unwrap).count(), 5);
     assert_eq!(frames.report().bad_messages, 6);
     assert!(
         frames
