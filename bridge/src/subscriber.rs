@@ -4,6 +4,7 @@ use std::marker::PhantomData;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
+use zenoh::query::{ConsolidationMode, QueryTarget};
 use zenoh::sample::{Sample, SampleKind};
 use zenoh_ext::{AdvancedSubscriber, AdvancedSubscriberBuilderExt, HistoryConfig, RecoveryConfig};
 
@@ -57,7 +58,9 @@ pub struct Subscriber<M> {
 impl Session {
     /// Subscribes to a topic, of which at most `capacity` messages wait to be received.
     ///
-    /// Of grids, references and targets no more than the newest of each key waits.
+    /// Of grids, references and targets no more than the newest of each key waits. Weights also come
+    /// from every [`WeightsStore`](crate::WeightsStore), so that none is missed whose publisher is
+    /// gone; the same or older ones may then come again.
     ///
     /// # Errors
     /// [`Error::Network`] if the key is none or the session is closed.
@@ -68,12 +71,33 @@ impl Session {
     ) -> Result<Subscriber<M>, Error> {
         let queue = Arc::new(Queue::new(capacity, Overflow::of(topic.qos())));
         let inbox: Arc<dyn Inbox> = Arc::<Queue>::clone(&queue);
+        let asking = Arc::clone(&inbox);
+        let declared = self.raw_subscriber(topic.key(), topic.qos(), inbox).await?;
+        if topic.qos() == Qos::Durable {
+            self.ask_stores(topic.key(), asking).await?;
+        }
         Ok(Subscriber {
             queue,
-            _declared: self.raw_subscriber(topic.key(), topic.qos(), inbox).await?,
+            _declared: declared,
             undecodable: AtomicU64::new(0),
             message: PhantomData,
         })
+    }
+
+    /// Asks for what is stored; the answers arrive like messages.
+    async fn ask_stores(&self, key: &str, inbox: Arc<dyn Inbox>) -> Result<(), Error> {
+        let asked = self
+            .zenoh
+            .get(key.to_owned())
+            .target(QueryTarget::All)
+            .consolidation(ConsolidationMode::None)
+            .callback(move |reply| {
+                if let Ok(sample) = reply.result() {
+                    hand_over(sample, &*inbox);
+                }
+            })
+            .await;
+        asked.map_err(|error| network(&format!("{key}: no query"), error))
     }
 
     pub(crate) async fn raw_subscriber(

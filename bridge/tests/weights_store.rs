@@ -96,6 +96,11 @@ async fn the_newest_weights_outlive_their_trainer_and_their_store() {
     let another = open(&[&planner]).await;
     let _store = WeightsStore::open(&another, dir.path(), &[]).await.unwrap();
     assert_eq!(stored(&planner, 4).await, newest);
+    // Who subscribes now gets them as if they had just been published.
+    let mut late = planner.subscriber(&keys::weights("r"), 4).await.unwrap();
+    let received = soon(late.recv()).await.unwrap();
+    assert_eq!(received.key, "swath/weights/r");
+    assert_eq!(received.message.version, 3);
     let trusted = [SigningKey::from_bytes(&[9; 32]).verifying_key()];
     let untrusted = planner.stored_weights("r", &trusted).await.unwrap();
     assert!(untrusted.is_empty());
