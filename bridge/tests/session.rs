@@ -8,7 +8,7 @@ use swath_bridge::keys::{self, Topic};
 use swath_bridge::msg::header::Header;
 use swath_bridge::msg::nav::Path;
 use swath_bridge::msg::swath::{TrainStatus, Weights};
-use swath_bridge::{Session, SessionConfig};
+use swath_bridge::{Ports, Session, SessionConfig};
 
 /// Longer than anything here takes, so that a test that would hang fails.
 const PATIENCE: Duration = Duration::from_secs(20);
@@ -230,4 +230,57 @@ async fn a_publisher_needs_a_key_without_wildcards() {
     let topic: Topic<Path> = keys::reference("*");
     let error = a.publisher(&topic).await.unwrap_err().to_string();
     assert!(error.contains("swath/vehicle/*/reference"), "{error}");
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_configuration_file_opens_what_it_says_and_endpoints_override_it() {
+    let dir = tempfile::TempDir::new().unwrap();
+    let file = dir.path().join("zenoh.json5");
+    let text = r#"{
+        // A comment, as JSON5 has them.
+        mode: "peer",
+        listen: { endpoints: ["tcp/127.0.0.1:0", "tcp/127.0.0.1:0"] },
+        scouting: { multicast: { enabled: false } },
+    }"#;
+    std::fs::write(&file, text).unwrap();
+    let mut config = SessionConfig {
+        file: Some(file.clone()),
+        ..SessionConfig::default()
+    };
+    let session = Session::open(&config).await.unwrap();
+    assert_eq!(session.endpoints().await.len(), 2);
+    config.listen = vec!["tcp/127.0.0.1:0".to_owned()];
+    let session = Session::open(&config).await.unwrap();
+    assert_eq!(session.endpoints().await.len(), 1);
+
+    std::fs::write(&file, "{ listen: 7 }").unwrap();
+    let error = Session::open(&config).await.unwrap_err().to_string();
+    assert!(error.contains("zenoh.json5"), "{error}");
+    config.file = Some(dir.path().join("none.json5"));
+    let error = Session::open(&config).await.unwrap_err().to_string();
+    assert!(error.contains("none.json5"), "{error}");
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn without_configuration_nothing_but_loopback_is_opened() {
+    let config = SessionConfig {
+        ports: Ports {
+            first: 19_447,
+            count: 2,
+        },
+        ..SessionConfig::default()
+    };
+    let sessions = [
+        Session::open(&config).await.unwrap(),
+        Session::open(&config).await.unwrap(),
+    ];
+    for session in &sessions {
+        for endpoint in session.endpoints().await {
+            assert!(endpoint.starts_with("tcp/127.0.0.1:"), "{endpoint}");
+        }
+    }
+    assert_eq!(sessions[1].peers().await.len(), 1);
+    // The range is full; who comes now is told what to do.
+    let error = Session::open(&config).await.unwrap_err().to_string();
+    assert!(error.contains("19447 to 19448"), "{error}");
 }
