@@ -4,7 +4,7 @@ mod scenes;
 
 use std::sync::Arc;
 
-use swath_bridge::{GridSpec, Outcome, Vehicle};
+use swath_bridge::{GridSpec, Outcome, Pose2, Vehicle};
 use swath_planner::search::{Limits, SearchMemory, TargetResult, WeightedRegion, search};
 use swath_planner::{CollisionMap, MotionModel, Plane};
 
@@ -44,7 +44,7 @@ fn digest_of(scene: &scenes::Scene) -> (u64, u64, usize) {
     let (mut digest, mut steps, mut solved) = (0xcbf2_9ce4_8422_2325, 0, 0);
     for speed_m_per_s in [1.4, 4.0] {
         let successors = map.model().successors(speed_m_per_s);
-        let mut run = |goal, region| {
+        let mut run = |goal: &Pose2, region: Option<WeightedRegion<'_>>| {
             search(&map, &successors, (goal, region), limits, &mut memory)
                 .expect("the region is of the map's size")
         };
@@ -53,7 +53,7 @@ fn digest_of(scene: &scenes::Scene) -> (u64, u64, usize) {
             digest = fold_result(digest, &plain);
             let mut cells = Plane::empty(spec.rows, spec.cols);
             let line = if plain.path.is_empty() {
-                vec![swath_bridge::Pose2::default(), *goal]
+                vec![Pose2::default(), *goal]
             } else {
                 plain.path
             };
