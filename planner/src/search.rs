@@ -27,7 +27,7 @@ pub use goal::{GOAL_TOLERANCE_M, GOAL_TOLERANCE_RAD};
 pub use memory::SearchMemory;
 
 use goal::Goal;
-use memory::{Parent, State};
+use memory::{Parent, Place, State};
 
 /// How often a search asks whether it should stop, in expansions.
 const STOP_INTERVAL: u64 = 256;
@@ -111,6 +111,7 @@ pub fn search(
             region,
             steps_of: cell_steps(map),
             memory,
+            ways: [Way::default(); WORD],
             steps: 0,
         }
         .run(limits),
@@ -167,6 +168,8 @@ struct Search<'a> {
     region: Option<WeightedRegion<'a>>,
     steps_of: [CellStep; ACTIONS],
     memory: &'a mut SearchMemory,
+    /// What `follow` has looked up, kept here so that it need not be cleared.
+    ways: [Way; WORD],
     steps: u64,
 }
 
@@ -174,7 +177,8 @@ impl Search<'_> {
     fn run(mut self, limits: Limits<'_>) -> TargetResult {
         let ego = self.map.spec().index_of(self.map.spec().ego());
         let start = State::new(ego.unwrap_or(0), AHEAD);
-        self.reach(start, (0, 0), Parent::START);
+        let place = self.place(start);
+        self.memory.reach(start, place, 0, Parent::START);
 
         while let Some((state, cost)) = self.memory.pop() {
             if self.goal.accepts(state) {
@@ -215,9 +219,13 @@ impl Search<'_> {
     }
 
     /// Follows the actions of a fan whose bits are set.
+    ///
+    /// First all places are looked up and then all costs compared, so that the loads, most of which
+    /// miss the caches, do not wait for one another's comparison.
     #[inline]
     #[expect(clippy::cast_possible_truncation, reason = "there are 368 actions")]
     fn follow(&mut self, from: State, cost: u32, (fan, mut free): (&Fan, u64)) {
+        let mut count = 0;
         while free != 0 {
             let bit = free.trailing_zeros() as usize;
             free &= free - 1;
@@ -226,30 +234,43 @@ impl Search<'_> {
             // Actions that leave the map are blocked, so this is on it.
             let cell = from.cell().wrapping_add_signed(step.offset as isize);
             let to = State::new(cell, step.direction);
-            self.reach(
+            self.ways[count] = Way {
                 to,
-                (cost, fan.costs[bit]),
-                Parent::new(action as u16, from.direction()),
-            );
+                place: self.place(to),
+                step: fan.costs[bit],
+                action: action as u16,
+            };
+            count += 1;
+        }
+        for way in &self.ways[..count] {
+            let step = match self.region {
+                Some(region) if way.place.is_inside => scaled_units(way.step, region.weight),
+                _ => way.step,
+            };
+            let cost = cost.saturating_add(step);
+            if cost < way.place.cost {
+                let parent = Parent::new(way.action, from.direction());
+                self.memory.reach(way.to, way.place, cost, parent);
+            }
         }
     }
 
-    /// Notes a way to a state if it is the best one so far.
     #[inline]
-    fn reach(&mut self, to: State, (cost, step): (u32, u32), parent: Parent) {
+    fn place(&mut self, state: State) -> Place {
         let (map, goal, region) = (self.map, &self.goal, self.region);
-        let place = self
-            .memory
-            .place(to, |cell| about_cell(map, goal, region, cell));
-        let step = match region {
-            Some(region) if place.is_inside => scaled_units(step, region.weight),
-            _ => step,
-        };
-        let cost = cost.saturating_add(step);
-        if cost < place.cost {
-            self.memory.reach(to, place, cost, parent);
-        }
+        self.memory
+            .place(state, |cell| about_cell(map, goal, region, cell))
     }
+}
+
+/// An action that may be followed, and where it leads.
+#[derive(Debug, Clone, Copy, Default)]
+struct Way {
+    to: State,
+    place: Place,
+    /// Turn and length, in units.
+    step: u32,
+    action: u16,
 }
 
 /// A lower bound on the cost from a cell to the goal, and whether the cell is inside the region.

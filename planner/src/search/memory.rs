@@ -7,7 +7,7 @@ use crate::Error;
 use crate::action::DIRECTIONS;
 
 /// A cell and a direction, as one number.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) struct State(u32);
 
 impl State {
@@ -87,7 +87,7 @@ struct CellSlot {
 }
 
 /// A state of a claimed cell and what is known of it.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Place {
     /// Index into costs and parents.
     index: u32,
