@@ -9,7 +9,7 @@ use std::sync::Arc;
 use swath_bridge::msg::header::Header;
 use swath_bridge::msg::swath::{PlanarPose, Sample};
 use swath_bridge::{Cell, Frame, Outcome, Pose2};
-use swath_planner::search::{Limits, SearchMemory, TargetResult, search};
+use swath_planner::search::{Bound, Limits, SearchMemory, TargetResult, search_bounded};
 use swath_planner::{CollisionMap, MotionModel, Plane, Successors};
 
 use crate::config::GeneratorConfig;
@@ -209,7 +209,9 @@ impl Generator {
             fast = self.model.successors(speed_m_per_s);
             &fast
         };
-        let result = search(&map, successors, (goal, None), limits, memory)?;
+        // The same cost as that of `search`, sooner; among paths of equal cost it may be another one.
+        let target = (goal, Bound::Informed);
+        let result = search_bounded(&map, successors, target, limits, memory)?;
         let is_solved = result.outcome == Outcome::Solved;
         Ok(if is_solved {
             result

@@ -11,6 +11,7 @@
 //! distance less the goal tolerance, so that it never overestimates; improved states are expanded
 //! again, so that an inconsistent heuristic costs steps and not optimality.
 
+mod bound;
 mod goal;
 mod memory;
 mod open;
@@ -23,11 +24,13 @@ use crate::collision::{CollisionMap, WORD};
 use crate::motion::{COST_UNITS, Fan, Successors};
 use crate::{Error, Plane};
 
+pub use bound::Bound;
 pub use goal::{GOAL_TOLERANCE_M, GOAL_TOLERANCE_RAD};
 pub use memory::SearchMemory;
 
+use bound::{Aim, TurnBound};
 use goal::Goal;
-use memory::{Parent, Place, State};
+use memory::{About, Parent, Place, State};
 
 /// How often a search asks whether it should stop, in expansions.
 const STOP_INTERVAL: u64 = 256;
@@ -102,21 +105,39 @@ pub fn search(
 ) -> Result<TargetResult, Error> {
     let (goal, region) = target;
     check_region(map, region)?;
-    memory.prepare(map.spec())?;
-    Ok(match Goal::new(map, goal) {
-        Ok(goal) => Search {
-            map,
-            successors,
-            goal,
-            region,
-            steps_of: cell_steps(map),
-            memory,
-            ways: [Way::default(); WORD],
-            steps: 0,
+    match Goal::new(map, goal) {
+        Ok(goal) => {
+            memory.prepare(map.spec(), None)?;
+            Ok(Search::new(map, successors, (goal, region), memory).run(limits))
         }
-        .run(limits),
-        Err(outcome) => TargetResult::without_path(outcome, 0),
-    })
+        Err(outcome) => Ok(TargetResult::without_path(outcome, 0)),
+    }
+}
+
+/// Plans to one target with `tiev` and a lower bound of choice: outcome and cost are the same with any.
+///
+/// # Errors
+/// None with a map that was made.
+pub fn search_bounded(
+    map: &CollisionMap,
+    successors: &Successors,
+    target: (&Pose2, Bound),
+    limits: Limits<'_>,
+    memory: &mut SearchMemory,
+) -> Result<TargetResult, Error> {
+    match Goal::new(map, target.0) {
+        Ok(goal) => {
+            let turns = match target.1 {
+                Bound::Euclidean => None,
+                Bound::Informed => Some(Box::new(TurnBound::new(map, &goal))),
+            };
+            memory.prepare(map.spec(), turns)?;
+            let search = Search::new(map, successors, (goal, None), memory);
+            let bound = target.1;
+            Ok(Search { bound, ..search }.run(limits))
+        }
+        Err(outcome) => Ok(TargetResult::without_path(outcome, 0)),
+    }
 }
 
 fn check_region(map: &CollisionMap, region: Option<WeightedRegion<'_>>) -> Result<(), Error> {
@@ -166,6 +187,7 @@ struct Search<'a> {
     successors: &'a Successors,
     goal: Goal,
     region: Option<WeightedRegion<'a>>,
+    bound: Bound,
     steps_of: [CellStep; ACTIONS],
     memory: &'a mut SearchMemory,
     /// What `follow` has looked up, kept here so that it need not be cleared.
@@ -173,7 +195,26 @@ struct Search<'a> {
     steps: u64,
 }
 
-impl Search<'_> {
+impl<'a> Search<'a> {
+    fn new(
+        map: &'a CollisionMap,
+        successors: &'a Successors,
+        (goal, region): (Goal, Option<WeightedRegion<'a>>),
+        memory: &'a mut SearchMemory,
+    ) -> Self {
+        Self {
+            map,
+            successors,
+            goal,
+            region,
+            bound: Bound::Euclidean,
+            steps_of: cell_steps(map),
+            memory,
+            ways: [Way::default(); WORD],
+            steps: 0,
+        }
+    }
+
     fn run(mut self, limits: Limits<'_>) -> TargetResult {
         let ego = self.map.spec().index_of(self.map.spec().ego());
         let start = State::new(ego.unwrap_or(0), AHEAD);
@@ -257,9 +298,9 @@ impl Search<'_> {
 
     #[inline]
     fn place(&mut self, state: State) -> Place {
-        let (map, goal, region) = (self.map, &self.goal, self.region);
+        let (map, goal, region, bound) = (self.map, &self.goal, self.region, self.bound);
         self.memory
-            .place(state, |cell| about_cell(map, goal, region, cell))
+            .place(state, |cell| about_cell(map, goal, (region, bound), cell))
     }
 }
 
@@ -273,18 +314,25 @@ struct Way {
     action: u16,
 }
 
-/// A lower bound on the cost from a cell to the goal, and whether the cell is inside the region.
+/// What a search has to know of a cell when it first comes there.
 #[cold]
 fn about_cell(
     map: &CollisionMap,
     goal: &Goal,
-    region: Option<WeightedRegion<'_>>,
+    (region, bound): (Option<WeightedRegion<'_>>, Bound),
     cell: usize,
-) -> (u32, bool) {
-    let estimate = goal.distance_left(map.spec().centre_of(map.spec().cell_of_index(cell)));
-    match region.filter(|region| region.cells.get_index(cell)) {
-        Some(region) => (floor_units(estimate * region.weight), true),
-        None => (floor_units(estimate), false),
+) -> About {
+    let centre = map.spec().centre_of(map.spec().cell_of_index(cell));
+    let region = region.filter(|region| region.cells.get_index(cell));
+    let weight = region.map_or(1.0, |region| region.weight);
+    About {
+        estimate: floor_units(goal.distance_left(centre) * weight),
+        is_inside: region.is_some(),
+        aim: if bound == Bound::Informed {
+            TurnBound::aim(goal, centre)
+        } else {
+            Aim::default()
+        },
     }
 }
 

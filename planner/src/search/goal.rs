@@ -19,6 +19,7 @@ pub const GOAL_TOLERANCE_RAD: f64 = 15.0 * PI / 180.0;
 pub(super) struct Goal {
     x_m: f64,
     y_m: f64,
+    yaw_rad: f64,
     /// Row-major indices, ascending.
     cells: Vec<usize>,
     /// By direction.
@@ -67,6 +68,7 @@ impl Goal {
             Ok(Self {
                 x_m: pose.x_m,
                 y_m: pose.y_m,
+                yaw_rad: pose.yaw_rad,
                 cells,
                 directions,
             })
@@ -78,6 +80,21 @@ impl Goal {
     pub(super) fn accepts(&self, state: State) -> bool {
         self.directions[usize::from(state.direction())]
             && self.cells.binary_search(&state.cell()).is_ok()
+    }
+
+    /// Least turn from an angle to one that the tolerance accepts, radians.
+    pub(super) fn turn_left_rad(&self, angle_rad: f64) -> f64 {
+        let turn_rad = wrap_angle_rad(angle_rad - self.yaw_rad).abs();
+        // The direction that is accepted at the very edge may be off by rounding.
+        (turn_rad - GOAL_TOLERANCE_RAD - 1e-9).max(0.0)
+    }
+
+    /// The bearing from a point to the goal, and how far to either side the bearings of points within
+    /// the tolerance lie, radians. There is none from a point within it.
+    pub(super) fn bearing(&self, (x_m, y_m): (f64, f64)) -> Option<(f64, f64)> {
+        let (dx_m, dy_m) = (self.x_m - x_m, self.y_m - y_m);
+        let sine = GOAL_TOLERANCE_M / libm::hypot(dx_m, dy_m);
+        (sine < 1.0).then(|| (libm::atan2(dy_m, dx_m), libm::asin(sine)))
     }
 
     /// Euclidean distance from a point to the nearest one that the tolerance accepts, metres.

@@ -2,6 +2,7 @@
 
 use swath_bridge::GridSpec;
 
+use super::bound::{Aim, TurnBound};
 use super::open::OpenList;
 use crate::Error;
 use crate::action::DIRECTIONS;
@@ -74,6 +75,10 @@ pub struct SearchMemory {
     parents: Vec<Parent>,
     used_states: usize,
     open: OpenList,
+    /// Lower bound on the turns to come, if the search uses one.
+    turns: Option<Box<TurnBound>>,
+    /// By cell that the search with such a bound has claimed.
+    aims: Vec<Aim>,
 }
 
 #[derive(Debug, Clone, Copy, Default)]
@@ -81,9 +86,20 @@ struct CellSlot {
     generation: u32,
     /// Number of its first state.
     first_state: u32,
-    /// Lower bound on the cost from here to the goal, in units.
+    /// Lower bound on the length from here to the goal, in units.
     estimate: u32,
     is_inside: bool,
+}
+
+/// What a search is asked about a cell when it first comes there.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct About {
+    /// Lower bound on the length from here to the goal, in units.
+    pub(super) estimate: u32,
+    /// Whether the cell is inside the region.
+    pub(super) is_inside: bool,
+    /// For a bound on turns.
+    pub(super) aim: Aim,
 }
 
 /// A state of a claimed cell and what is known of it.
@@ -106,8 +122,16 @@ impl SearchMemory {
     }
 
     /// Makes ready for a search on a grid.
-    pub(super) fn prepare(&mut self, spec: &GridSpec) -> Result<(), Error> {
+    pub(super) fn prepare(
+        &mut self,
+        spec: &GridSpec,
+        turns: Option<Box<TurnBound>>,
+    ) -> Result<(), Error> {
         spec.validate()?;
+        if turns.is_some() {
+            self.aims.resize(spec.len(), Aim::default());
+        }
+        self.turns = turns;
         if self.cells.len() != spec.len() || self.generation == u32::MAX {
             self.cells.clear();
             self.cells.resize(spec.len(), CellSlot::default());
@@ -124,7 +148,7 @@ impl SearchMemory {
         clippy::cast_possible_truncation,
         reason = "grids have at most 2^24 cells of 2^8 states; the last one is never numbered 2^32"
     )]
-    fn claim(&mut self, cell: usize, (estimate, is_inside): (u32, bool)) {
+    fn claim(&mut self, cell: usize, about: About) {
         let states = self.used_states..self.used_states + DIRECTIONS;
         if self.costs.len() < states.end {
             self.costs.resize(states.end, u32::MAX);
@@ -134,20 +158,18 @@ impl SearchMemory {
         self.cells[cell] = CellSlot {
             generation: self.generation,
             first_state: states.start as u32,
-            estimate,
-            is_inside,
+            estimate: about.estimate,
+            is_inside: about.is_inside,
         };
+        if self.turns.is_some() {
+            self.aims[cell] = about.aim;
+        }
         self.used_states = states.end;
     }
 
-    /// The place of a state. If its cell was not reached before, `about` is asked for the estimate and
-    /// whether the cell is inside the region.
+    /// The place of a state. If its cell was not reached before, `about` is asked about it.
     #[inline]
-    pub(super) fn place(
-        &mut self,
-        state: State,
-        about: impl FnOnce(usize) -> (u32, bool),
-    ) -> Place {
+    pub(super) fn place(&mut self, state: State, about: impl FnOnce(usize) -> About) -> Place {
         if self.cells[state.cell()].generation != self.generation {
             self.claim(state.cell(), about(state.cell()));
         }
@@ -155,9 +177,20 @@ impl SearchMemory {
         let index = slot.first_state + u32::from(state.direction());
         Place {
             index,
-            estimate: slot.estimate,
+            estimate: self.estimate(slot, state),
             cost: self.costs[index as usize],
             is_inside: slot.is_inside,
+        }
+    }
+
+    /// Lower bound on the cost from a state to the goal, in units.
+    #[inline]
+    fn estimate(&self, slot: CellSlot, state: State) -> u32 {
+        match &self.turns {
+            None => slot.estimate,
+            Some(turns) => {
+                slot.estimate + turns.least_turn(self.aims[state.cell()], state.direction())
+            }
         }
     }
 
@@ -184,10 +217,10 @@ impl SearchMemory {
         loop {
             let key = self.open.pop()?;
             let state = State(key as u32);
-            let slot = &self.cells[state.cell()];
+            let slot = self.cells[state.cell()];
             let cost = self.costs[slot.first_state as usize + usize::from(state.direction())];
             // An improved state is pushed again; what was pushed before has a greater total.
-            if (key >> 32) as u32 == cost.saturating_add(slot.estimate) {
+            if (key >> 32) as u32 == cost.saturating_add(self.estimate(slot, state)) {
                 return Some((state, cost));
             }
         }
@@ -210,8 +243,12 @@ mod tests {
         let mut memory = SearchMemory::new();
         let state = State::new(3, 9);
         for estimate in [7, 8] {
-            memory.prepare(&spec).unwrap();
-            let place = memory.place(state, |_| (estimate, false));
+            let about = About {
+                estimate,
+                ..About::default()
+            };
+            memory.prepare(&spec, None).unwrap();
+            let place = memory.place(state, |_| about);
             assert_eq!(place.cost, u32::MAX);
             memory.reach(state, place, 1, Parent::new(5, 6));
             assert_eq!(memory.place(state, |_| unreachable!()).cost, 1);
@@ -225,10 +262,13 @@ mod tests {
     #[test]
     fn a_state_is_taken_once_at_its_best_cost() {
         let mut memory = SearchMemory::new();
-        memory.prepare(&GridSpec::default()).unwrap();
+        memory.prepare(&GridSpec::default(), None).unwrap();
         let state = State::new(70, 200);
         for cost in [30, 20, 10] {
-            let place = memory.place(state, |_| (4, true));
+            let place = memory.place(state, |_| About {
+                is_inside: true,
+                ..About::default()
+            });
             assert!(place.is_inside && cost < place.cost);
             memory.reach(state, place, cost, Parent::new(0, 0));
         }

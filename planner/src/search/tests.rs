@@ -276,6 +276,37 @@ proptest! {
     }
 }
 
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(200))]
+
+    /// `tiev_finds_the_cost_that_dijkstra_finds` holds the one, this the other to it.
+    #[test]
+    fn the_informed_bound_changes_neither_outcome_nor_cost(
+        (occupied, goal) in scene(), back in any::<bool>(), limit_m in 0.3..4.0f64,
+    ) {
+        let vehicle = Vehicle { min_turning_radius_m: limit_m, ..small_vehicle() };
+        // Coarse cells allow sharper turns, up to turning around.
+        let spec = GridSpec { resolution_m: if back { 0.8 } else { 0.2 }, ..small_spec() };
+        let goal = Pose2::new(goal.x_m, goal.y_m, goal.yaw_rad + if back { PI } else { 0.0 });
+        let map = map_with(spec, &vehicle, &occupied);
+        let successors = map.model().successors(0.5);
+        let mut memory = SearchMemory::new();
+        let run = |bound, memory: &mut SearchMemory| {
+            search_bounded(&map, &successors, (&goal, bound), Limits::default(), memory).unwrap()
+        };
+        let plain = run(Bound::Euclidean, &mut memory);
+        let informed = run(Bound::Informed, &mut memory);
+        prop_assert_eq!(informed.outcome, plain.outcome);
+        if plain.outcome == Outcome::Solved {
+            prop_assert!((informed.cost - plain.cost).abs() < 1e-4);
+        }
+        // The memory of an informed search leaves no trace in a plain one.
+        let again =
+            search(&map, &successors, (&goal, None), Limits::default(), &mut memory).unwrap();
+        prop_assert_eq!(again.steps, plain.steps);
+    }
+}
+
 #[test]
 fn a_whole_region_of_weight_one_changes_nothing_and_a_narrow_one_saves_steps() {
     let spec = GridSpec::default();
