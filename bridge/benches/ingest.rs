@@ -15,9 +15,15 @@ const LINES: u32 = 64;
 const DIRECTIONS: u32 = 1875;
 /// Height of the lidar, metres.
 const HEIGHT_M: f64 = 1.8;
+/// Distance from one parked car to the next, metres.
+const CARS_APART_M: f64 = 7.0;
+/// Distance driven from sweep to sweep, metres.
+const STEP_M: f64 = 0.5;
+/// Sweeps until the street looks the same again.
+const SWEEPS: u32 = 14;
 
 /// Range of a beam in a street between two walls with a row of cars on each side, metres.
-fn range_m(azimuth_rad: f64, elevation_rad: f64) -> f64 {
+fn range_m(driven_m: f64, azimuth_rad: f64, elevation_rad: f64) -> f64 {
     let (sin, cos) = libm::sincos(azimuth_rad);
     let slope = libm::tan(elevation_rad);
     let mut range_m = if slope < -0.02 {
@@ -27,7 +33,8 @@ fn range_m(azimuth_rad: f64, elevation_rad: f64) -> f64 {
     };
     for (side_m, height_m) in [(3.0, 1.5), (-4.0, 1.5), (9.0, 12.0), (-11.0, 12.0)] {
         let at_m = side_m / sin;
-        let is_gap = height_m < 2.0 && libm::fmod((at_m * cos + 1000.0).abs(), 7.0) > 4.5;
+        let along_m = driven_m + at_m * cos + 1000.0 * CARS_APART_M;
+        let is_gap = height_m < 2.0 && libm::fmod(along_m, CARS_APART_M) > 4.5;
         if at_m > 0.0 && at_m < range_m && HEIGHT_M + slope * at_m < height_m && !is_gap {
             range_m = at_m;
         }
@@ -35,14 +42,14 @@ fn range_m(azimuth_rad: f64, elevation_rad: f64) -> f64 {
     range_m
 }
 
-fn sweep() -> PointCloud2 {
+fn sweep(driven_m: f64) -> PointCloud2 {
     let mut data = Vec::new();
     for line in 0..LINES {
         let elevation_rad = (2.0 - 26.8 * f64::from(line) / f64::from(LINES)).to_radians();
         for step in 0..DIRECTIONS {
             let azimuth_rad =
                 std::f64::consts::TAU * (f64::from(step) + 0.5) / f64::from(DIRECTIONS);
-            let range_m = range_m(azimuth_rad, elevation_rad);
+            let range_m = range_m(driven_m, azimuth_rad, elevation_rad);
             let (sin, cos) = libm::sincos(azimuth_rad);
             for metres in [
                 range_m * cos,
@@ -78,17 +85,18 @@ fn sweep() -> PointCloud2 {
 }
 
 fn grid_from_a_sweep(criterion: &mut Criterion) {
-    let cloud = sweep();
+    let clouds: Vec<PointCloud2> = (0..SWEEPS)
+        .map(|step| sweep(f64::from(step) * STEP_M))
+        .collect();
     let vehicle_from_sensor = Isometry3::translation(0.8, 0.0, HEIGHT_M);
     let mut mapper = Mapper::new(&IngestConfig::default()).expect("the default is valid");
     let mut step = 0u32;
     criterion.bench_function("grid from a sweep of 120,000 points", |bencher| {
         bencher.iter(|| {
-            // The vehicle drives at 5 m/s and turns a little, so that no two sweeps hit the same cells.
-            let driven_m = f64::from(step) * 0.5;
-            let odom_from_vehicle = Pose2::new(driven_m, 0.0, 0.2 * libm::sin(driven_m / 20.0));
+            let odom_from_vehicle = Pose2::new(f64::from(step) * STEP_M, 0.0, 0.0);
+            let cloud = &clouds[(step % SWEEPS) as usize];
             step += 1;
-            let points = points_of(&cloud, &vehicle_from_sensor).expect("the cloud is valid");
+            let points = points_of(cloud, &vehicle_from_sensor).expect("the cloud is valid");
             mapper
                 .add_points(
                     &points,

@@ -241,19 +241,19 @@ impl Evidence {
         let Some((pose, &(nanos, _))) = self.pose.zip(self.sweeps.back()) else {
             return;
         };
-        let vehicle_from_odom = pose.inverse();
+        let (sin, cos) = libm::sincos(pose.yaw_rad);
         let radius_m = self.limits.radius_m;
         let mut kept = 0;
         for place in 0..self.hits.len() {
             let mut hit = self.hits[place];
             let slot = self.index.slot(hit.cell);
-            let at = vehicle_from_odom.then(&Pose2::new(hit.position_m.0, hit.position_m.1, 0.0));
+            let (dx, dy) = (hit.position_m.0 - pose.x_m, hit.position_m.1 - pose.y_m);
             #[expect(
                 clippy::cast_possible_truncation,
                 reason = "within the radius of the vehicle"
             )]
-            let (x_m, y_m) = (at.x_m as f32, at.y_m as f32);
-            let is_far = at.x_m * at.x_m + at.y_m * at.y_m > radius_m * radius_m;
+            let (x_m, y_m) = ((cos * dx + sin * dy) as f32, (cos * dy - sin * dx) as f32);
+            let is_far = dx * dx + dy * dy > radius_m * radius_m;
             if is_far || is_own(x_m, y_m) || self.is_old(hit.nanos, hit.travelled_m, nanos) {
                 self.index.values[slot] = 0;
                 continue;
@@ -275,16 +275,17 @@ impl Evidence {
     }
 
     /// Calls with the place (vehicle frame, metres) and number of returns of every hit.
-    pub(crate) fn each_hit(&self, mut take: impl FnMut(f64, f64, u32)) {
+    #[expect(
+        clippy::cast_possible_truncation,
+        reason = "within the radius of the vehicle"
+    )]
+    pub(crate) fn each_hit(&self, mut take: impl FnMut(f32, f32, u32)) {
         let Some(pose) = self.pose else { return };
         let (sin, cos) = libm::sincos(pose.yaw_rad);
         for hit in &self.hits {
             let (dx, dy) = (hit.position_m.0 - pose.x_m, hit.position_m.1 - pose.y_m);
-            take(
-                cos * dx + sin * dy,
-                cos * dy - sin * dx,
-                u32::from(hit.returns),
-            );
+            let (x_m, y_m) = (cos * dx + sin * dy, cos * dy - sin * dx);
+            take(x_m as f32, y_m as f32, u32::from(hit.returns));
         }
     }
 

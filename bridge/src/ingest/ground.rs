@@ -32,9 +32,12 @@ const RISE_LEFT: f32 = 0.96;
 const NEAR_M: std::ops::Range<f32> = 1.0..15.0;
 /// Ground is at least this far below the sensor, metres.
 const MIN_SENSOR_HEIGHT_M: f32 = 0.15;
+/// A sensor this near to the height of the vehicle's frame may be that frame itself, which often lies
+/// on the ground: then the ground may be this far above it too, metres.
+const FRAME_HEIGHT_M: f32 = 0.3;
 /// Height of a histogram's step, metres.
 const STEP_M: f32 = 0.1;
-/// Steps below the sensor that the histogram covers.
+/// Steps downward that the histogram covers.
 const STEPS: usize = 60;
 /// Fewest returns that make a height.
 const MIN_RETURNS: u32 = 30;
@@ -179,11 +182,18 @@ impl Ground {
     reason = "only steps within the histogram are cast"
 )]
 fn height_at_sensor(points: &[Point], places: &[(u16, u16)], sensor: Point) -> Option<f32> {
+    let is_frame = sensor[2].abs() < FRAME_HEIGHT_M;
+    let top_m = sensor[2]
+        + if is_frame {
+            FRAME_HEIGHT_M
+        } else {
+            -MIN_SENSOR_HEIGHT_M
+        };
     let mut counts = [0u32; STEPS];
     let near = (NEAR_M.start / BIN_M) as u16..(NEAR_M.end / BIN_M) as u16;
     for (point, (_, bin)) in points.iter().zip(places) {
-        let below = (sensor[2] - point[2]) / STEP_M;
-        if near.contains(bin) && below >= MIN_SENSOR_HEIGHT_M / STEP_M && below < STEPS as f32 {
+        let below = (top_m - point[2]) / STEP_M;
+        if near.contains(bin) && below >= 0.0 && below < STEPS as f32 {
             counts[below as usize] += 1;
         }
     }
@@ -191,7 +201,7 @@ fn height_at_sensor(points: &[Point], places: &[(u16, u16)], sensor: Point) -> O
     let pairs = counts.windows(2).map(|pair| pair[0] + pair[1]).enumerate();
     let (step, count) = pairs.max_by_key(|(step, count)| (*count, *step))?;
     let upper_part = counts[step] as f32 / count.max(1) as f32;
-    (count >= MIN_RETURNS).then(|| sensor[2] - STEP_M * (step as f32 + 1.5 - upper_part))
+    (count >= MIN_RETURNS).then_some(top_m - STEP_M * (step as f32 + 1.5 - upper_part))
 }
 
 fn middle([a, b, c]: [f32; 3]) -> f32 {

@@ -243,10 +243,11 @@ impl Mapper {
                 *value = FREE;
             }
         }
-        let mut returns = vec![0; spec.len()];
+        let mut returns = vec![0u32; spec.len()];
+        let cells = CellFinder::of(&spec);
         self.evidence.each_hit(|x_m, y_m, count| {
-            if let Some(index) = spec.index_of(spec.cell_at(x_m, y_m)) {
-                returns[index] += count;
+            if let Some(index) = cells.index_of(x_m, y_m) {
+                returns[index] = u32::saturating_add(returns[index], count);
             }
         });
         for index in (0..returns.len()).filter(|index| returns[*index] > 0) {

@@ -456,6 +456,29 @@ fn a_lidar_without_a_known_mounting_still_finds_the_ground() {
 }
 
 #[test]
+fn a_cloud_that_is_in_the_vehicles_frame_already_keeps_its_ground() {
+    // A ditch beside the road lies below the frame, as the ground below a sensor would.
+    let mut world = street();
+    world.blocks.truncate(7);
+    let lidar = &lidars()[0].1;
+    let mut points = lidar.sweep(&world, &Pose2::default());
+    points.extend((0u8..100).map(|step| [4.0 + 0.05 * f32::from(step), -2.0, -0.2]));
+    let mut mapper = mapper();
+    mapper
+        .add_points(&points, [0.0; 3], &Pose2::default(), 0)
+        .unwrap();
+    let occupancy = mapper.occupancy();
+    assert_no_clutter("in the frame", &world, &occupancy, &Pose2::default());
+    let found = occupied(&occupancy, &Pose2::default());
+    assert!(
+        found
+            .iter()
+            .any(|(x_m, y_m)| *x_m < 13.0 && (*y_m - 3.5).abs() < 0.3),
+        "no car"
+    );
+}
+
+#[test]
 fn what_is_behind_a_wall_is_unknown() {
     let world = World {
         blocks: vec![[(10.0, 10.5), (-20.0, 20.0), (0.0, 6.0)]],
