@@ -11,6 +11,7 @@
 //! distance less the goal tolerance, so that it never overestimates; improved states are expanded
 //! again, so that an inconsistent heuristic costs steps and not optimality.
 
+mod backward;
 mod bound;
 mod goal;
 mod memory;
@@ -28,10 +29,15 @@ pub use bound::Bound;
 pub use goal::{GOAL_TOLERANCE_M, GOAL_TOLERANCE_RAD};
 pub use memory::SearchMemory;
 
+use backward::Finding;
 use bound::{Aim, TurnBound};
 use goal::Goal;
 use memory::{About, Parent, Place, State};
 
+/// An informed search that has come so far tries to prove that the goal cannot be reached.
+const PROOF_AFTER_STEPS: u64 = 8_000;
+/// States that such a proof may look at: little time beside what the search has taken by then.
+const MAX_PROOF_STATES: usize = 20_000;
 /// How often a search asks whether it should stop, in expansions.
 const STOP_INTERVAL: u64 = 256;
 
@@ -114,7 +120,10 @@ pub fn search(
     }
 }
 
-/// Plans to one target with `tiev` and a lower bound of choice: outcome and cost are the same with any.
+/// Plans to one target with `tiev` and a lower bound of choice: the optimum is the same with any.
+///
+/// With [`Bound::Informed`] a search that takes long also looks for a proof that the goal cannot be
+/// reached, so that it may say so where [`search`] would come to its limit.
 ///
 /// # Errors
 /// None with a map that was made.
@@ -227,11 +236,21 @@ impl<'a> Search<'a> {
             }
             self.steps += 1;
             self.expand(state, cost);
+            if self.steps == PROOF_AFTER_STEPS && self.is_proved_unreachable() {
+                break;
+            }
             if let Some(outcome) = self.stopped(limits) {
                 return TargetResult::without_path(outcome, self.steps);
             }
         }
         TargetResult::without_path(Outcome::Unreachable, self.steps)
+    }
+
+    fn is_proved_unreachable(&mut self) -> bool {
+        let (map, successors, goal) = (self.map, self.successors, &self.goal);
+        let backward = &mut self.memory.backward;
+        self.bound == Bound::Informed
+            && backward.search(map, successors, goal, MAX_PROOF_STATES) == Finding::Unreachable
     }
 
     fn stopped(&self, limits: Limits<'_>) -> Option<Outcome> {

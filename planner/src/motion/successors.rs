@@ -23,6 +23,18 @@ pub struct Successors {
     sweeps: Vec<Sweep>,
     /// Number of the first action of each direction, and behind them the number of actions.
     first_actions: Vec<u16>,
+    /// By action.
+    preceding: Vec<Preceding>,
+}
+
+/// The headings that an action may follow.
+#[derive(Debug, Clone, Copy, Default)]
+pub(crate) struct Preceding {
+    /// A bit for each direction.
+    pub(crate) headings: [u64; TURN_GROUPS],
+    /// Farthest that one of them lies to the left and to the right of the action, directions.
+    pub(crate) left_steps: u8,
+    pub(crate) right_steps: u8,
 }
 
 #[derive(Debug)]
@@ -32,6 +44,18 @@ struct Heading {
     /// Farthest that a successor lies to the left and to the right, directions.
     left_steps: u8,
     right_steps: u8,
+}
+
+impl Preceding {
+    /// Adds a heading, from which one turns by `steps` to a side.
+    fn add(&mut self, heading: u8, side: Side, steps: u8) {
+        self.headings[usize::from(heading) / WORD] |= 1 << (usize::from(heading) % WORD);
+        let farthest = match side {
+            Side::Left => &mut self.right_steps,
+            Side::Right => &mut self.left_steps,
+        };
+        *farthest = steps.max(*farthest);
+    }
 }
 
 /// The successors of a heading within one group of actions.
@@ -96,6 +120,7 @@ impl Successors {
             fans: Vec::new(),
             sweeps: Vec::new(),
             first_actions: (0..=DIRECTIONS).map(first_action).collect(),
+            preceding: vec![Preceding::default(); ACTIONS],
         };
         for heading in 0..=u8::MAX {
             all.append(model, heading, curvature_per_m);
@@ -128,6 +153,7 @@ impl Successors {
                         costs[index] =
                             cost_units(action.length_cells * model.resolution_m + angle_rad);
                         farthest = steps;
+                        self.preceding[index].add(heading, side, steps);
                     }
                 }
             }
@@ -159,8 +185,14 @@ impl Successors {
         });
     }
 
+    /// The headings that an action may follow.
+    #[inline]
+    pub(crate) fn preceding(&self, action: usize) -> &Preceding {
+        &self.preceding[action]
+    }
+
     /// Numbers of the actions in a direction.
-    fn actions_of(&self, direction: u8) -> Range<usize> {
+    pub(crate) fn actions_of(&self, direction: u8) -> Range<usize> {
         let direction = usize::from(direction);
         usize::from(self.first_actions[direction])..usize::from(self.first_actions[direction + 1])
     }

@@ -27,8 +27,8 @@ use crate::motion::COST_UNITS;
 pub enum Bound {
     /// The Euclidean distance: the paper's `tiev`.
     Euclidean,
-    /// That and the turns still to come: the same cost in fewer expansions. Where several paths cost
-    /// the same it may find another one.
+    /// That and the turns still to come, with a proof of unreachability on the way: the same cost in
+    /// fewer expansions. Where several paths cost the same it may find another one.
     Informed,
 }
 

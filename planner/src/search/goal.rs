@@ -82,6 +82,16 @@ impl Goal {
             && self.cells.binary_search(&state.cell()).is_ok()
     }
 
+    /// The states that reach it.
+    pub(super) fn states(&self) -> impl Iterator<Item = State> {
+        let directions = move |&cell: &usize| {
+            (0..=u8::MAX)
+                .filter(|&direction| self.directions[usize::from(direction)])
+                .map(move |direction| State::new(cell, direction))
+        };
+        self.cells.iter().flat_map(directions)
+    }
+
     /// Least turn from an angle to one that the tolerance accepts, radians.
     pub(super) fn turn_left_rad(&self, angle_rad: f64) -> f64 {
         let turn_rad = wrap_angle_rad(angle_rad - self.yaw_rad).abs();

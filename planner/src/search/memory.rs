@@ -2,6 +2,7 @@
 
 use swath_bridge::GridSpec;
 
+use super::backward::Backward;
 use super::bound::{Aim, TurnBound};
 use super::open::OpenList;
 use crate::Error;
@@ -79,6 +80,7 @@ pub struct SearchMemory {
     turns: Option<Box<TurnBound>>,
     /// By cell that the search with such a bound has claimed.
     aims: Vec<Aim>,
+    pub(super) backward: Backward,
 }
 
 #[derive(Debug, Clone, Copy, Default)]

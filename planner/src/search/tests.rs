@@ -281,7 +281,7 @@ proptest! {
 
     /// `tiev_finds_the_cost_that_dijkstra_finds` holds the one, this the other to it.
     #[test]
-    fn the_informed_bound_changes_neither_outcome_nor_cost(
+    fn neither_the_informed_bound_nor_going_backwards_changes_outcome_or_cost(
         (occupied, goal) in scene(), back in any::<bool>(), limit_m in 0.3..4.0f64,
     ) {
         let vehicle = Vehicle { min_turning_radius_m: limit_m, ..small_vehicle() };
@@ -299,6 +299,19 @@ proptest! {
         prop_assert_eq!(informed.outcome, plain.outcome);
         if plain.outcome == Outcome::Solved {
             prop_assert!((informed.cost - plain.cost).abs() < 1e-4);
+        }
+        let goal_states = Goal::new(&map, &goal);
+        if let Ok(goal_states) = goal_states {
+            let mut backward = backward::Backward::default();
+            let mut look = |most| backward.search(&map, &successors, &goal_states, most);
+            let expected = if plain.outcome == Outcome::Solved {
+                Finding::Reachable
+            } else {
+                Finding::Unreachable
+            };
+            prop_assert_eq!(look(usize::MAX), expected);
+            let few = look(40);
+            prop_assert!(few == expected || few == Finding::Unknown);
         }
         // The memory of an informed search leaves no trace in a plain one.
         let again =
