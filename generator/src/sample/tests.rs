@@ -140,8 +140,8 @@ const KNOWN: [u64; 7] = [
     0x95cb_ca77_755e_6103,
     0xa574_1e65_fc37_b272,
     0x5181_141b_02e5_7855,
-    0x3384_8bac_d7d7_a90e,
-    0xfd82_26f2_dbc0_11e6,
+    0xb5de_c05f_1515_2daa,
+    0xc721_435d_8dd2_b63a,
 ];
 
 /// Whether the full footprint at a pose holds the centre of an occupied cell.
