@@ -294,21 +294,24 @@ impl<'a> Search<'a> {
             // Actions that leave the map are blocked, so this is on it.
             let cell = from.cell().wrapping_add_signed(step.offset as isize);
             let to = State::new(cell, step.direction);
-            self.ways[count] = Way {
-                to,
-                place: self.place(to),
-                step: fan.costs[bit],
-                action: action as u16,
-            };
+            let place = self.place(to);
+            let way = &mut self.ways[count];
+            way.to = to;
+            way.place = place;
+            way.known_cost = self.memory.cost(place);
+            way.step = fan.costs[bit];
+            way.action = action as u16;
             count += 1;
         }
         for way in &self.ways[..count] {
             let step = match self.region {
-                Some(region) if way.place.is_inside => scaled_units(way.step, region.weight),
+                Some(region) if self.memory.is_inside(way.to.cell()) => {
+                    scaled_units(way.step, region.weight)
+                }
                 _ => way.step,
             };
             let cost = cost.saturating_add(step);
-            if cost < way.place.cost {
+            if cost < way.known_cost {
                 let parent = Parent::new(way.action, from.direction());
                 self.memory.reach(way.to, way.place, cost, parent);
             }
@@ -328,6 +331,8 @@ impl<'a> Search<'a> {
 struct Way {
     to: State,
     place: Place,
+    /// Cost of the best way there so far, in units.
+    known_cost: u32,
     /// Turn and length, in units.
     step: u32,
     action: u16,

@@ -34,6 +34,14 @@ impl State {
     }
 }
 
+/// States of one cell that neighbour in direction and lie together: few of a cell's directions are
+/// reached, and what is closer together is found sooner.
+const BLOCK_STATES: usize = 32;
+/// Blocks of a cell.
+const BLOCKS: usize = DIRECTIONS / BLOCK_STATES;
+/// Stands for no block.
+const NO_BLOCK: u32 = u32::MAX;
+
 /// How a state was reached.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Parent {
@@ -62,8 +70,8 @@ impl Parent {
     }
 }
 
-/// Memory of a search. Cells are claimed when they are first reached, so that starting a search costs
-/// nothing and memory grows with the cells reached: 2 KiB each, at most all of the grid's.
+/// Memory of a search. Cells and ranges of their directions are claimed when they are first reached,
+/// so that starting a search costs nothing and memory grows with what is reached: at most 2 KiB a cell.
 #[derive(Debug, Default)]
 pub struct SearchMemory {
     /// Number of the running search.
@@ -86,11 +94,27 @@ pub struct SearchMemory {
 #[derive(Debug, Clone, Copy, Default)]
 struct CellSlot {
     generation: u32,
-    /// Number of its first state.
-    first_state: u32,
     /// Lower bound on the length from here to the goal, in units.
     estimate: u32,
     is_inside: bool,
+    /// Where its states are, by range of directions; [`NO_BLOCK`] for those not reached.
+    blocks: [u32; BLOCKS],
+}
+
+impl CellSlot {
+    /// Index into costs and parents of a state that was reached.
+    fn index_of(&self, direction: u8) -> usize {
+        let (block, within) = split(direction);
+        self.blocks[block] as usize * BLOCK_STATES + within as usize
+    }
+}
+
+/// A direction's block, and its place there.
+const fn split(direction: u8) -> (usize, u32) {
+    (
+        direction as usize / BLOCK_STATES,
+        (direction as usize % BLOCK_STATES) as u32,
+    )
 }
 
 /// What a search is asked about a cell when it first comes there.
@@ -104,18 +128,9 @@ pub(super) struct About {
     pub(super) aim: Aim,
 }
 
-/// A state of a claimed cell and what is known of it.
+/// Where a state of a claimed cell is kept.
 #[derive(Debug, Clone, Copy, Default)]
-pub(super) struct Place {
-    /// Index into costs and parents.
-    index: u32,
-    /// Lower bound on the cost from here to the goal, in units.
-    estimate: u32,
-    /// Cost of the best way here, in units; `u32::MAX` if there is none yet.
-    pub(super) cost: u32,
-    /// Whether the cell is inside the region.
-    pub(super) is_inside: bool,
-}
+pub(super) struct Place(u32);
 
 impl SearchMemory {
     /// Memory that grows with its first searches.
@@ -145,28 +160,37 @@ impl SearchMemory {
         Ok(())
     }
 
-    /// Gives a cell unreached states.
+    /// Takes note of a cell; none of its states is reached yet.
+    #[cold]
+    fn claim(&mut self, cell: usize, about: About) {
+        self.cells[cell] = CellSlot {
+            generation: self.generation,
+            estimate: about.estimate,
+            is_inside: about.is_inside,
+            blocks: [NO_BLOCK; BLOCKS],
+        };
+        if self.turns.is_some() {
+            self.aims[cell] = about.aim;
+        }
+    }
+
+    /// Gives a block of a claimed cell unreached states.
     #[expect(
         clippy::cast_possible_truncation,
-        reason = "grids have at most 2^24 cells of 2^8 states; the last one is never numbered 2^32"
+        reason = "grids have at most 2^24 cells of 2^3 blocks"
     )]
-    fn claim(&mut self, cell: usize, about: About) {
-        let states = self.used_states..self.used_states + DIRECTIONS;
+    #[cold]
+    fn claim_block(&mut self, cell: usize, block: usize) -> u32 {
+        let states = self.used_states..self.used_states + BLOCK_STATES;
         if self.costs.len() < states.end {
             self.costs.resize(states.end, u32::MAX);
             self.parents.resize(states.end, Parent::START);
         }
         self.costs[states.clone()].fill(u32::MAX);
-        self.cells[cell] = CellSlot {
-            generation: self.generation,
-            first_state: states.start as u32,
-            estimate: about.estimate,
-            is_inside: about.is_inside,
-        };
-        if self.turns.is_some() {
-            self.aims[cell] = about.aim;
-        }
+        let number = (states.start / BLOCK_STATES) as u32;
+        self.cells[cell].blocks[block] = number;
         self.used_states = states.end;
+        number
     }
 
     /// The place of a state. If its cell was not reached before, `about` is asked about it.
@@ -175,19 +199,29 @@ impl SearchMemory {
         if self.cells[state.cell()].generation != self.generation {
             self.claim(state.cell(), about(state.cell()));
         }
-        let slot = self.cells[state.cell()];
-        let index = slot.first_state + u32::from(state.direction());
-        Place {
-            index,
-            estimate: self.estimate(slot, state),
-            cost: self.costs[index as usize],
-            is_inside: slot.is_inside,
+        let (block, within) = split(state.direction());
+        let mut number = self.cells[state.cell()].blocks[block];
+        if number == NO_BLOCK {
+            number = self.claim_block(state.cell(), block);
         }
+        Place(number * BLOCK_STATES as u32 + within)
+    }
+
+    /// Cost of the best way to a state, in units; `u32::MAX` if there is none yet.
+    #[inline]
+    pub(super) fn cost(&self, place: Place) -> u32 {
+        self.costs[place.0 as usize]
+    }
+
+    /// Whether a claimed cell is inside the region.
+    #[inline]
+    pub(super) fn is_inside(&self, cell: usize) -> bool {
+        self.cells[cell].is_inside
     }
 
     /// Lower bound on the cost from a state to the goal, in units.
     #[inline]
-    fn estimate(&self, slot: CellSlot, state: State) -> u32 {
+    fn estimate(&self, slot: &CellSlot, state: State) -> u32 {
         match &self.turns {
             None => slot.estimate,
             Some(turns) => {
@@ -199,16 +233,15 @@ impl SearchMemory {
     /// Notes a better way to a state and puts it on the open list.
     #[inline]
     pub(super) fn reach(&mut self, state: State, place: Place, cost: u32, parent: Parent) {
-        self.costs[place.index as usize] = cost;
-        self.parents[place.index as usize] = parent;
-        let total = cost.saturating_add(place.estimate);
+        self.costs[place.0 as usize] = cost;
+        self.parents[place.0 as usize] = parent;
+        let total = cost.saturating_add(self.estimate(&self.cells[state.cell()], state));
         self.open.push(u64::from(total) << 32 | u64::from(state.0));
     }
 
     /// How a state that was reached was reached first at its cost.
     pub(super) fn parent(&self, state: State) -> Parent {
-        let first = self.cells[state.cell()].first_state as usize;
-        self.parents[first + usize::from(state.direction())]
+        self.parents[self.cells[state.cell()].index_of(state.direction())]
     }
 
     /// Takes the state with the smallest total from the open list, and its cost. Ties go to the
@@ -219,8 +252,8 @@ impl SearchMemory {
         loop {
             let key = self.open.pop()?;
             let state = State(key as u32);
-            let slot = self.cells[state.cell()];
-            let cost = self.costs[slot.first_state as usize + usize::from(state.direction())];
+            let slot = &self.cells[state.cell()];
+            let cost = self.costs[slot.index_of(state.direction())];
             // An improved state is pushed again; what was pushed before has a greater total.
             if (key >> 32) as u32 == cost.saturating_add(self.estimate(slot, state)) {
                 return Some((state, cost));
@@ -251,12 +284,13 @@ mod tests {
             };
             memory.prepare(&spec, None).unwrap();
             let place = memory.place(state, |_| about);
-            assert_eq!(place.cost, u32::MAX);
+            assert_eq!(memory.cost(place), u32::MAX);
             memory.reach(state, place, 1, Parent::new(5, 6));
-            assert_eq!(memory.place(state, |_| unreachable!()).cost, 1);
+            let place = memory.place(state, |_| unreachable!());
+            assert_eq!(memory.cost(place), 1);
             assert_eq!(memory.parent(state).step(), Some((5, 6)));
         }
-        assert_eq!(memory.costs.len(), DIRECTIONS, "states are reused");
+        assert_eq!(memory.costs.len(), BLOCK_STATES, "states are reused");
         assert_eq!(memory.pop(), Some((state, 1)));
         assert_eq!(memory.pop(), None);
     }
@@ -271,7 +305,7 @@ mod tests {
                 is_inside: true,
                 ..About::default()
             });
-            assert!(place.is_inside && cost < place.cost);
+            assert!(memory.is_inside(70) && cost < memory.cost(place));
             memory.reach(state, place, cost, Parent::new(0, 0));
         }
         assert_eq!(memory.pop(), Some((state, 10)));

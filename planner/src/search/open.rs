@@ -1,10 +1,12 @@
 //! The open list: keys of 64 bits, smallest first.
 //!
 //! The upper half of a key is a total in units. Keys whose totals are near one another share a bucket,
-//! and only the bucket at the front is kept in order, as a heap. Totals rise slowly while a search
-//! goes on, so nearly every key is put into a bucket at the price of one store, and the heap stays
-//! small enough for the fastest cache. The order is exact all the same: a bucket is put into the heap
-//! before the first of its keys is due, and what comes later but belongs before goes there at once.
+//! and only the bucket at the front is sorted, when its first key is due. Totals rise slowly while a
+//! search goes on, so nearly every key is put into a bucket at the price of one store. The few that
+//! come later than that but belong before go into a heap, which stays small enough for the fastest
+//! cache. So the order is exact.
+
+use std::cmp::Reverse;
 
 /// Totals that differ only in this many low bits share a bucket: 2¹⁴ units are 1.6 cm.
 const BUCKET_BITS: u32 = 14;
@@ -18,8 +20,10 @@ const NONE: u32 = u32::MAX;
 /// A priority queue of keys.
 #[derive(Debug)]
 pub(super) struct OpenList {
-    /// Every key of the buckets up to `front`.
-    heap: Heap,
+    /// What the bucket at the front held when its turn came, greatest first.
+    sorted: Vec<u64>,
+    /// Keys of the buckets up to `front` that came later.
+    late: Heap,
     front: usize,
     /// By bucket: its newest chunk.
     buckets: Vec<u32>,
@@ -39,7 +43,8 @@ struct Chunk {
 impl Default for OpenList {
     fn default() -> Self {
         Self {
-            heap: Heap::default(),
+            sorted: Vec::new(),
+            late: Heap::default(),
             front: 0,
             buckets: vec![NONE; BUCKETS],
             chunks: Vec::new(),
@@ -52,7 +57,8 @@ impl Default for OpenList {
 impl OpenList {
     /// Forgets all keys and keeps the memory.
     pub(super) fn clear(&mut self) {
-        self.heap.keys.clear();
+        self.sorted.clear();
+        self.late.keys.clear();
         self.buckets[..self.end].fill(NONE);
         self.chunks.clear();
         self.free_chunk = NONE;
@@ -63,7 +69,7 @@ impl OpenList {
     pub(super) fn push(&mut self, key: u64) {
         let bucket = bucket_of(key);
         if bucket <= self.front {
-            self.heap.push(key);
+            self.late.push(key);
             return;
         }
         let newest = self.buckets[bucket];
@@ -102,28 +108,29 @@ impl OpenList {
 
     #[inline]
     pub(super) fn pop(&mut self) -> Option<u64> {
-        while self.heap.keys.is_empty() {
-            self.advance()?;
+        loop {
+            match (self.sorted.last(), self.late.keys.first()) {
+                (Some(sorted), Some(late)) if late < sorted => return self.late.pop(),
+                (Some(_), _) => return self.sorted.pop(),
+                (None, Some(_)) => return self.late.pop(),
+                (None, None) => self.advance()?,
+            }
         }
-        self.heap.pop()
     }
 
-    /// Moves the front to the next bucket that holds keys, and these into the heap.
+    /// Moves the front to the next bucket that holds keys, and sorts these.
     fn advance(&mut self) -> Option<()> {
         let behind = self.buckets.get(self.front + 1..self.end)?;
         let steps = behind.iter().position(|&bucket| bucket != NONE)?;
         self.front += 1 + steps;
         let mut index = std::mem::replace(&mut self.buckets[self.front], NONE);
         while let Some(chunk) = self.chunks.get_mut(index as usize) {
-            for &key in &chunk.keys[..chunk.len as usize] {
-                self.heap.keys.push(key);
-            }
+            self.sorted.extend(&chunk.keys[..chunk.len as usize]);
             let next = std::mem::replace(&mut chunk.next, self.free_chunk);
             self.free_chunk = index;
             index = next;
         }
-        // A list in ascending order is a heap.
-        self.heap.keys.sort_unstable();
+        self.sorted.sort_unstable_by_key(|&key| Reverse(key));
         Some(())
     }
 }
@@ -188,7 +195,6 @@ impl Heap {
 
 #[cfg(test)]
 mod tests {
-    use std::cmp::Reverse;
     use std::collections::BinaryHeap;
 
     use super::*;
