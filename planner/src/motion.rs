@@ -139,12 +139,6 @@ impl MotionModel {
         curvature_per_m * mean_cells * self.resolution_m
     }
 
-    /// No action has a greater angle limit after a heading, radians.
-    fn widest_limit_rad(&self, heading: u8, curvature_per_m: f64) -> f64 {
-        let limit = |action| self.angle_limit_rad(heading, action, curvature_per_m);
-        self.table.actions().iter().map(limit).fold(0.0, f64::max)
-    }
-
     /// The turn from one direction to another, radians in (−π, π].
     pub(crate) fn turn_rad(&self, from: u8, to: u8) -> f64 {
         let turn = angle_between_rad(self.table.angle_rad(from), self.table.angle_rad(to));

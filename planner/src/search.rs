@@ -10,6 +10,12 @@
 //! used (it compares the unscaled cost and stores the scaled one); the heuristic is the Euclidean
 //! distance less the goal tolerance, so that it never overestimates; improved states are expanded
 //! again, so that an inconsistent heuristic costs steps and not optimality.
+//!
+//! What makes it fast: the motions of a cell that are blocked are read as words (see `collision`), so
+//! that nothing blocked is ever looked at; all costs of an expansion are loaded before the first one
+//! is compared; states that are near in direction lie together; the open list sorts only what is due.
+//! Measured and not kept: finer buckets of the open list, cells aligned to cache lines, and proofs of
+//! unreachability from the connected free ground, which found none that going backwards does not.
 
 mod backward;
 mod bound;

@@ -7,7 +7,7 @@
 use std::ops::Range;
 
 use super::{MotionModel, Side, cost_units, max_curvature_per_m};
-use crate::action::{ACTIONS, DIRECTIONS};
+use crate::action::{ACTIONS, Action, DIRECTIONS};
 use crate::collision::WORD;
 
 /// Groups of turns.
@@ -122,19 +122,28 @@ impl Successors {
             first_actions: (0..=DIRECTIONS).map(first_action).collect(),
             preceding: vec![Preceding::default(); ACTIONS],
         };
-        for heading in 0..=u8::MAX {
-            all.append(model, heading, curvature_per_m);
+        let by_length = |a: &&Action, b: &&Action| a.length_cells.total_cmp(&b.length_cells);
+        if let Some(longest) = actions.iter().max_by(by_length) {
+            for heading in 0..=u8::MAX {
+                all.append(model, heading, (longest, curvature_per_m));
+            }
         }
         all
     }
 
     /// Appends what may follow a heading.
-    fn append(&mut self, model: &MotionModel, heading: u8, curvature_per_m: f64) {
+    fn append(
+        &mut self,
+        model: &MotionModel,
+        heading: u8,
+        (longest, curvature_per_m): (&Action, f64),
+    ) {
         let (first_fan, first_sweep) = (self.fans.len(), self.sweeps.len());
         let mut costs = [0u32; ACTIONS];
         let mut allowed = [0u64; ACTIONS.div_ceil(WORD)];
         let mut passed = [0u64; TURN_GROUPS];
-        let widest_rad = model.widest_limit_rad(heading, curvature_per_m);
+        // The limit grows with the action's length, so nothing may turn farther than this one.
+        let widest_rad = model.angle_limit_rad(heading, longest, curvature_per_m);
         let farthest = MOST_STEPS.map(|(side, most)| {
             // Straight on is counted to the left only.
             let right = u8::from(side == Side::Right);

@@ -36,7 +36,8 @@ impl State {
 
 /// States of one cell that neighbour in direction and lie together: few of a cell's directions are
 /// reached, and what is closer together is found sooner.
-const BLOCK_STATES: usize = 32;
+const BLOCK_STATES: usize = 1 << BLOCK_BITS;
+const BLOCK_BITS: u32 = 5;
 /// Blocks of a cell.
 const BLOCKS: usize = DIRECTIONS / BLOCK_STATES;
 /// Stands for no block.
@@ -105,16 +106,15 @@ impl CellSlot {
     /// Index into costs and parents of a state that was reached.
     fn index_of(&self, direction: u8) -> usize {
         let (block, within) = split(direction);
-        self.blocks[block] as usize * BLOCK_STATES + within as usize
+        (self.blocks[block] << BLOCK_BITS | within) as usize
     }
 }
 
 /// A direction's block, and its place there.
-const fn split(direction: u8) -> (usize, u32) {
-    (
-        direction as usize / BLOCK_STATES,
-        (direction as usize % BLOCK_STATES) as u32,
-    )
+#[inline]
+fn split(direction: u8) -> (usize, u32) {
+    let within = u32::from(direction) & ((1 << BLOCK_BITS) - 1);
+    (usize::from(direction) >> BLOCK_BITS, within)
 }
 
 /// What a search is asked about a cell when it first comes there.
@@ -204,7 +204,7 @@ impl SearchMemory {
         if number == NO_BLOCK {
             number = self.claim_block(state.cell(), block);
         }
-        Place(number * BLOCK_STATES as u32 + within)
+        Place(number << BLOCK_BITS | within)
     }
 
     /// Cost of the best way to a state, in units; `u32::MAX` if there is none yet.
