@@ -73,7 +73,8 @@ fn as_carried<'a, 'b>(builder: PublisherBuilder<'a, 'b>, qos: Qos) -> PublisherB
         Qos::Block => (CongestionControl::Block, Priority::Data, false),
         Qos::Durable | Qos::Latched => (CongestionControl::Block, Priority::DataHigh, false),
         Qos::Newest => (CongestionControl::Drop, Priority::RealTime, true),
-        Qos::Interactive => (CongestionControl::Drop, Priority::InteractiveHigh, true),
+        // Not express: a plan and its path go out together rather than one of them not at all.
+        Qos::Interactive => (CongestionControl::Drop, Priority::InteractiveHigh, false),
         Qos::Lossy => (CongestionControl::Drop, Priority::DataLow, false),
     };
     builder

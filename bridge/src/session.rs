@@ -16,6 +16,13 @@ pub use loopback::Ports;
 /// How many times a port is chosen anew because another process was quicker.
 const MOST_PORT_ATTEMPTS: u32 = 8;
 
+/// Batches of 64 KiB that wait to be sent to one peer, by priority. Zenoh's own two each are full
+/// after two messages, and what may be dropped then is while training keeps every core busy.
+const QUEUES: &str = "{ control: 2, real_time: 4, interactive_high: 8, interactive_low: 2, \
+                      data_high: 4, data: 4, data_low: 8, background: 2 }";
+/// How long a message that may be dropped waits for room, microseconds.
+const WAIT_BEFORE_DROP_US: u32 = 5000;
+
 /// How a session is opened.
 ///
 /// Later fields override earlier ones: `file`, or else what `ZENOH_CONFIG` names, or else loopback.
@@ -137,6 +144,12 @@ fn quiet_config(config: &SessionConfig) -> Result<Config, Error> {
     set(&mut quiet, "listen/endpoints", "[]")?;
     // The recorder takes the time at which a message was sent from its timestamp.
     set(&mut quiet, "timestamping/enabled", "true")?;
+    set(&mut quiet, "transport/link/tx/queue/size", QUEUES)?;
+    set(
+        &mut quiet,
+        "transport/link/tx/queue/congestion_control/drop/wait_before_drop",
+        &WAIT_BEFORE_DROP_US.to_string(),
+    )?;
     if let Some(namespace) = &config.namespace {
         set(&mut quiet, "namespace", &json_list(namespace))?;
     }

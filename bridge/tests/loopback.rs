@@ -11,14 +11,16 @@ use swath_bridge::{Ports, Session, SessionConfig};
 
 /// What the test gives a child to do; without it a child has nothing to do.
 const CHILD_ID: &str = "SWATH_TEST_CHILD";
+/// The process of the test, by which its children choose their ports.
+const PARENT: &str = "SWATH_TEST_PARENT";
 /// Longer than anything here takes.
 const PATIENCE: Duration = Duration::from_secs(30);
 
-/// Ports of this test alone, so that it does not meet a demo that is running.
-fn config() -> SessionConfig {
+/// Ports of this run of the test alone, so that it meets neither a demo nor another run.
+fn config(parent: u32) -> SessionConfig {
     SessionConfig {
         ports: Ports {
-            first: 18_447,
+            first: 10_000 + 8 * u16::try_from(parent % 900).unwrap(),
             count: 8,
         },
         ..SessionConfig::default()
@@ -32,9 +34,10 @@ fn child() {
     let Ok(id) = std::env::var(CHILD_ID) else {
         return;
     };
+    let parent = std::env::var(PARENT).unwrap().parse().unwrap();
     let runtime = tokio::runtime::Runtime::new().unwrap();
     runtime.spawn(async move {
-        let session = Session::open(&config()).await.unwrap();
+        let session = Session::open(&config(parent)).await.unwrap();
         let _token = session.declare_node("test", &id).await.unwrap();
         let mut nodes = session.watch_nodes().await.unwrap();
         while let Some(change) = nodes.recv().await {
@@ -58,6 +61,7 @@ impl Node {
         let mut process = Command::new(std::env::current_exe().unwrap())
             .args(["--exact", "child", "--ignored", "--nocapture"])
             .env(CHILD_ID, id)
+            .env(PARENT, std::process::id().to_string())
             .env_remove("ZENOH_CONFIG")
             .stdin(Stdio::piped())
             .stdout(Stdio::piped())

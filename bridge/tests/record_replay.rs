@@ -47,12 +47,13 @@ fn read(path: &std::path::Path) -> Vec<RawMessage> {
 }
 
 async fn written(recorder: &Recorder, count: u64) {
-    soon(async {
+    let waiting = async {
         while recorder.counts().written < count {
             tokio::task::yield_now().await;
         }
-    })
-    .await;
+    };
+    let waited = tokio::time::timeout(PATIENCE, waiting).await;
+    assert!(waited.is_ok(), "{:?}, expected {count}", recorder.counts());
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
@@ -72,8 +73,9 @@ async fn a_recorder_writes_every_topic_with_type_and_times() {
     soon(plans.wait_for_subscribers()).await.unwrap();
     for number in 0..30 {
         plans.put(&path(number)).await.unwrap();
+        // Plans are dropped when the network is behind, so it is given time.
+        written(&recorder, number + 2).await;
     }
-    written(&recorder, 31).await;
     let counts = soon(recorder.finish()).await.unwrap();
     assert_eq!((counts.written, counts.dropped), (31, 0));
     let messages = read(&file);
@@ -159,6 +161,8 @@ async fn a_replay_publishes_what_was_chosen_and_keeps_the_spacing() {
     let file = recording(&dir);
     let (a, b) = pair().await;
     let mut subscriber = b.subscriber(&keys::path("v"), 64).await.unwrap();
+    let publisher = a.publisher(&keys::path("v")).await.unwrap();
+    soon(publisher.wait_for_subscribers()).await.unwrap();
     let options = ReplayOptions {
         rate: 2.0,
         start_s: 0.1,
@@ -171,11 +175,9 @@ async fn a_replay_publishes_what_was_chosen_and_keeps_the_spacing() {
     let report = soon(replay(&a, &options, &mut progress)).await.unwrap();
     assert_eq!((report.messages, report.rounds), (7, 1));
     assert!(done.0 > 0 && done.0 <= done.1);
-    let mut arrivals = Vec::new();
     for number in 2..=8 {
         let received = soon(subscriber.recv()).await.unwrap();
         assert_eq!(received.message, path(number));
-        arrivals.push(received.received_nanos);
     }
     // 0.3 s at twice the speed, never quicker; a busy machine may be late.
     assert!(report.elapsed_s >= 0.15, "{report:?}");
