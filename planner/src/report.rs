@@ -1,10 +1,12 @@
 //! Planned frames as messages.
 
-use swath_bridge::msg::geometry::{Point, Pose, PoseStamped, Quaternion};
+use swath_bridge::msg::geometry::{
+    Point, Pose, PoseStamped, PoseWithCovariance, Quaternion, Twist, TwistWithCovariance, Vector3,
+};
 use swath_bridge::msg::header::Header;
-use swath_bridge::msg::nav::Path;
+use swath_bridge::msg::nav::{Odometry, Path};
 use swath_bridge::msg::swath::{PlanReport, PlanarPose, TargetPlan as TargetPlanMessage};
-use swath_bridge::{Outcome, Pose2};
+use swath_bridge::{Frame, Outcome, Pose2};
 
 use crate::frame::FramePlan;
 use crate::plan::{Method, TargetPlan};
@@ -58,6 +60,38 @@ pub fn path_message(header: &Header, poses: &[Pose2]) -> Path {
     Path {
         header: header.clone(),
         poses: poses.iter().map(stamped).collect(),
+    }
+}
+
+/// A frame's pose and speed as odometry; the header's frame is the child of `odom`.
+pub fn odometry_message(header: &Header, frame: &Frame) -> Odometry {
+    const UNKNOWN: [f64; 36] = [0.0; 36];
+    let still = Vector3 {
+        x: 0.0,
+        y: 0.0,
+        z: 0.0,
+    };
+    let linear = Vector3 {
+        x: frame.speed_m_per_s,
+        ..still.clone()
+    };
+    Odometry {
+        header: Header {
+            frame_id: "odom".to_owned(),
+            ..header.clone()
+        },
+        child_frame_id: header.frame_id.clone(),
+        pose: PoseWithCovariance {
+            pose: ros_pose(&frame.odom_from_vehicle),
+            covariance: UNKNOWN,
+        },
+        twist: TwistWithCovariance {
+            twist: Twist {
+                linear,
+                angular: still,
+            },
+            covariance: UNKNOWN,
+        },
     }
 }
 

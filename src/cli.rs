@@ -1,0 +1,374 @@
+//! The command line.
+
+use std::path::PathBuf;
+
+use clap::{Args, Parser, Subcommand, ValueEnum};
+use swath_planner::Method;
+
+/// Learns the strip of ground a path will take, and plans through it.
+///
+/// One binary runs every node of a system that generates samples, trains a network on them and plans
+/// for many targets at once. Nodes find one another over zenoh: on this machine without any
+/// configuration, on a network when told so.
+#[derive(Debug, Parser)]
+#[command(
+    name = "swath",
+    version,
+    max_term_width = 100,
+    after_help = "Examples:
+  swath demo                                 everything at once, for two minutes
+  swath plan --map F.pgm --goals F.txt --picture plan.png
+  swath generate --count 3000 --out samples.mcap
+  swath train --data samples.mcap --size half --out runs/first
+  swath plan                                 a planner node on live grids
+
+A network is opened explicitly:
+  swath --listen tcp/0.0.0.0:7447 train --out runs/fleet
+  swath --connect tcp/trainer.local:7447 generate
+
+Exit codes: 0 success, 1 failure, 2 wrong usage, 3 data were lost."
+)]
+pub(crate) struct Cli {
+    /// TOML file of vehicle, grid and settings that nodes share
+    #[arg(long, global = true, value_name = "FILE")]
+    pub(crate) config: Option<PathBuf>,
+    #[command(flatten)]
+    pub(crate) network: NetworkOptions,
+    /// Say more (twice: everything)
+    #[arg(short, long, global = true, action = clap::ArgAction::Count)]
+    pub(crate) verbose: u8,
+    /// Say nothing but errors
+    #[arg(short, long, global = true)]
+    pub(crate) quiet: bool,
+    #[command(subcommand)]
+    pub(crate) command: Command,
+}
+
+/// How nodes find one another.
+#[derive(Debug, Clone, Default, Args)]
+pub(crate) struct NetworkOptions {
+    /// Listen here instead of on loopback, for example tcp/0.0.0.0:7447
+    #[arg(long, global = true, value_name = "ENDPOINT")]
+    pub(crate) listen: Vec<String>,
+    /// Connect there, for example tcp/10.0.0.2:7447
+    #[arg(long, global = true, value_name = "ENDPOINT")]
+    pub(crate) connect: Vec<String>,
+    /// Prefix of all keys, to keep systems apart
+    #[arg(long, global = true, value_name = "NAME")]
+    pub(crate) namespace: Option<String>,
+    /// zenoh configuration file (JSON5); `ZENOH_CONFIG` names one too
+    #[arg(long, global = true, value_name = "FILE")]
+    pub(crate) zenoh_config: Option<PathBuf>,
+}
+
+#[derive(Debug, Subcommand)]
+pub(crate) enum Command {
+    Demo(DemoOptions),
+    Generate(GenerateOptions),
+    Train(TrainOptions),
+    Evaluate(EvaluateOptions),
+    Plan(PlanOptions),
+    Bench(BenchOptions),
+    Bridge(BridgeOptions),
+    Report(ReportOptions),
+}
+
+/// Run everything at once: two generators, a trainer, a planner on live grids, a recorder.
+#[derive(Debug, Args)]
+#[command(after_help = "Examples:
+  swath demo
+  swath demo --seconds 60 --log drive.mcap --out runs/demo")]
+pub(crate) struct DemoOptions {
+    /// How long to run, seconds
+    #[arg(long, default_value_t = 120, value_parser = clap::value_parser!(u64).range(5..=86400))]
+    pub(crate) seconds: u64,
+    /// Drive log (rosbag2-profile MCAP) for scenes and live grids; may be given again
+    #[arg(long, value_name = "FILE")]
+    pub(crate) log: Vec<PathBuf>,
+    /// Directory for recording, weights and report
+    #[arg(long, default_value = "runs/demo", value_name = "DIR")]
+    pub(crate) out: PathBuf,
+}
+
+/// Make labelled samples: into a file, or as a node that publishes them.
+#[derive(Debug, Args)]
+#[command(after_help = "Examples:
+  swath generate --count 3000 --seed 1 --out samples.mcap
+  swath generate --log drive.mcap --count 500 --out drive-samples.mcap
+  swath generate --id lab-1                  a node: publishes until stopped")]
+pub(crate) struct GenerateOptions {
+    /// Number of samples [default: 1000 into a file, endless as a node]
+    #[arg(long)]
+    pub(crate) count: Option<u64>,
+    /// Seed; the same seed gives the same bytes
+    #[arg(long, default_value_t = 1)]
+    pub(crate) seed: u64,
+    /// Drive log to take scenes from; may be given again
+    #[arg(long, value_name = "FILE")]
+    pub(crate) log: Vec<PathBuf>,
+    /// Recording to write; without it this is a node
+    #[arg(long, value_name = "FILE")]
+    pub(crate) out: Option<PathBuf>,
+    /// Name of the generator; generators with different names make different samples
+    #[arg(long, default_value = "generator-0", value_name = "NAME")]
+    pub(crate) id: String,
+    /// Threads of a node, 0 for as many as there are cores
+    #[arg(long, default_value_t = 0, value_name = "N")]
+    pub(crate) workers: usize,
+    /// Print a JSON summary
+    #[arg(long)]
+    pub(crate) json: bool,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub(crate) enum Size {
+    Full,
+    Half,
+}
+
+/// Train a network: on recordings, or as a node on the live stream of samples.
+#[derive(Debug, Args)]
+#[command(after_help = "Examples:
+  swath train --data samples.mcap --validation held-out.mcap --size half --out runs/first
+  swath train --data samples.mcap --out runs/first --resume
+  swath train --out runs/live                a node: trains on what generators publish")]
+pub(crate) struct TrainOptions {
+    /// Recording of samples; may be given again; without it this is a node
+    #[arg(long, value_name = "FILE")]
+    pub(crate) data: Vec<PathBuf>,
+    /// Recording of samples to validate on [default: a share of the data]
+    #[arg(long, value_name = "FILE")]
+    pub(crate) validation: Option<PathBuf>,
+    /// Passes over the data
+    #[arg(long)]
+    pub(crate) epochs: Option<u64>,
+    /// Samples a step
+    #[arg(long)]
+    pub(crate) batch: Option<usize>,
+    /// Resolution at which the network sees the grid
+    #[arg(long, value_enum)]
+    pub(crate) size: Option<Size>,
+    /// Base learning rate
+    #[arg(long, value_name = "RATE")]
+    pub(crate) learning_rate: Option<f64>,
+    /// Seed of initial weights and shuffles
+    #[arg(long, default_value_t = 1)]
+    pub(crate) seed: u64,
+    /// Go on from the newest checkpoint in the output directory
+    #[arg(long)]
+    pub(crate) resume: bool,
+    /// Directory for weights and checkpoints
+    #[arg(long, value_name = "DIR")]
+    pub(crate) out: PathBuf,
+    /// Steps of a node from one publication of weights to the next
+    #[arg(long, default_value_t = 25, value_name = "STEPS")]
+    pub(crate) publish_every: u64,
+    /// Name of the run, as subscribers see it
+    #[arg(long, default_value = "main", value_name = "NAME")]
+    pub(crate) run: String,
+}
+
+/// Compare predicted regions with labels, and with two baselines that learn nothing.
+#[derive(Debug, Args)]
+#[command(after_help = "Example:
+  swath evaluate --data held-out.mcap --weights runs/first/weights.safetensors --json")]
+pub(crate) struct EvaluateOptions {
+    /// Recording of samples; may be given again
+    #[arg(long, required = true, value_name = "FILE")]
+    pub(crate) data: Vec<PathBuf>,
+    /// Weights to evaluate
+    #[arg(long, value_name = "FILE")]
+    pub(crate) weights: PathBuf,
+    /// Distance from the optimal path to the edge of its label, metres [default: as trained]
+    #[arg(long, value_name = "METRES")]
+    pub(crate) dilation_m: Option<f64>,
+    /// Recording to write the counts to, for `swath report`
+    #[arg(long, value_name = "FILE")]
+    pub(crate) out: Option<PathBuf>,
+    /// Print JSON
+    #[arg(long)]
+    pub(crate) json: bool,
+}
+
+/// Plan to targets: once on a map, or as a node on live grids.
+#[derive(Debug, Args)]
+#[command(after_help = "Examples:
+  swath plan --map F.pgm --goals F.txt --picture plan.png
+  swath plan --map F.pgm --goals F.txt --reference R.txt --method tiev-fcn \\
+      --weights W.safetensors --json -
+  swath plan --vehicle car-1                 a node: plans on grids as they come")]
+pub(crate) struct PlanOptions {
+    /// Map, a PGM picture (or the YAML file beside it); without it this is a node
+    #[arg(long, value_name = "FILE", requires = "goals")]
+    pub(crate) map: Option<PathBuf>,
+    /// Targets, a line each: x y yaw (metres and radians, vehicle frame)
+    #[arg(long, value_name = "FILE", requires = "map")]
+    pub(crate) goals: Option<PathBuf>,
+    /// Rough reference path, a line a pose: x y yaw
+    #[arg(long, value_name = "FILE")]
+    pub(crate) reference: Option<PathBuf>,
+    /// Speed, which limits turns; a node follows the odometry
+    #[arg(long, value_name = "M_PER_S")]
+    pub(crate) speed: Option<f64>,
+    /// Method [default: tiev-fcn with weights, tiev without]
+    #[arg(long, value_parser = parse_method)]
+    pub(crate) method: Option<Method>,
+    /// Weights of the network (safetensors)
+    #[arg(long, value_name = "FILE")]
+    pub(crate) weights: Option<PathBuf>,
+    /// Most time for one target's search; 0 for no limit
+    #[arg(long, value_name = "N")]
+    pub(crate) time_limit_ms: Option<u64>,
+    /// Write the plans as JSON to a file, or to standard output for -
+    #[arg(long, value_name = "FILE")]
+    pub(crate) json: Option<PathBuf>,
+    /// Draw map, regions and paths
+    #[arg(long, value_name = "FILE")]
+    pub(crate) picture: Option<PathBuf>,
+    /// Name of the vehicle to plan for, as a node
+    #[arg(long, default_value = "v0", value_name = "NAME")]
+    pub(crate) vehicle: String,
+}
+
+fn parse_method(name: &str) -> Result<Method, String> {
+    Method::from_name(name).ok_or_else(|| {
+        let names: Vec<&str> = Method::ALL.iter().map(|method| method.name()).collect();
+        format!("expected one of {}", names.join(", "))
+    })
+}
+
+/// Measure methods side by side, as the paper's tables do.
+#[derive(Debug, Args)]
+#[command(after_help = "Examples:
+  swath bench --scenes 50 --weights W.safetensors --out bench.mcap
+  swath report bench.mcap --out report")]
+pub(crate) struct BenchOptions {
+    /// Number of generated scenes, or of frames a log
+    #[arg(long, default_value_t = 50)]
+    pub(crate) scenes: u64,
+    /// Seed of the scenes
+    #[arg(long, default_value_t = 1000)]
+    pub(crate) seed: u64,
+    /// Drive log to take frames from instead; may be given again
+    #[arg(long, value_name = "FILE")]
+    pub(crate) log: Vec<PathBuf>,
+    /// Numbers of targets
+    #[arg(long, value_delimiter = ',', default_value = "1,3,7,10,15,20,30,40,50")]
+    pub(crate) targets: Vec<usize>,
+    /// Methods to compare [default: all that can run]
+    #[arg(long, value_delimiter = ',', value_parser = parse_method)]
+    pub(crate) methods: Vec<Method>,
+    /// Weights of the network
+    #[arg(long, value_name = "FILE")]
+    pub(crate) weights: Option<PathBuf>,
+    /// Most time for one target's search; 0 for no limit
+    #[arg(long, default_value_t = 1000, value_name = "N")]
+    pub(crate) time_limit_ms: u64,
+    /// Recording to write
+    #[arg(long, value_name = "FILE")]
+    pub(crate) out: PathBuf,
+}
+
+/// Recordings and logs.
+#[derive(Debug, Args)]
+pub(crate) struct BridgeOptions {
+    #[command(subcommand)]
+    pub(crate) command: BridgeCommand,
+}
+
+#[derive(Debug, Subcommand)]
+pub(crate) enum BridgeCommand {
+    /// Record every swath topic into an MCAP file until stopped
+    #[command(after_help = "Example:\n  swath bridge record --out run.mcap")]
+    Record {
+        /// Recording to write
+        #[arg(long, value_name = "FILE")]
+        out: PathBuf,
+        /// Stop after so many seconds
+        #[arg(long, value_name = "S")]
+        seconds: Option<u64>,
+    },
+    /// Publish a recording again, with its spacing
+    #[command(after_help = "Example:\n  swath bridge replay run.mcap --rate 2 --topic '*/grid'")]
+    Replay(ReplayOptions),
+    /// Turn a drive log into obstacle grids
+    #[command(after_help = "Example:
+  swath bridge grids drive.mcap --out grids.mcap --pictures pictures")]
+    Grids(GridsOptions),
+    /// Say what a recording holds
+    Info {
+        /// Recording
+        file: PathBuf,
+        /// Print JSON
+        #[arg(long)]
+        json: bool,
+    },
+    /// Make a good recording of a damaged one
+    Recover {
+        /// Damaged recording
+        file: PathBuf,
+        /// Recording to write
+        #[arg(long, value_name = "FILE")]
+        out: PathBuf,
+    },
+}
+
+#[derive(Debug, Args)]
+pub(crate) struct ReplayOptions {
+    /// Recording
+    pub(crate) file: PathBuf,
+    /// Speed, 1 is as recorded
+    #[arg(long, default_value_t = 1.0)]
+    pub(crate) rate: f64,
+    /// Start over at the end
+    #[arg(long = "loop")]
+    pub(crate) repeat: bool,
+    /// Start so many seconds into the recording
+    #[arg(long, value_name = "S")]
+    pub(crate) start: Option<f64>,
+    /// End so many seconds into the recording
+    #[arg(long, value_name = "S")]
+    pub(crate) end: Option<f64>,
+    /// Only these topics (* stands for anything); may be given again
+    #[arg(long, value_name = "PATTERN")]
+    pub(crate) topic: Vec<String>,
+}
+
+#[derive(Debug, Args)]
+pub(crate) struct GridsOptions {
+    /// Drive log: rosbag2-profile MCAP with PointCloud2 or LaserScan, Odometry and transforms
+    pub(crate) log: PathBuf,
+    /// Recording to write
+    #[arg(long, value_name = "FILE")]
+    pub(crate) out: PathBuf,
+    /// Directory for pictures of the grids
+    #[arg(long, value_name = "DIR")]
+    pub(crate) pictures: Option<PathBuf>,
+    /// Topic of the point clouds [default: the only one]
+    #[arg(long, value_name = "TOPIC")]
+    pub(crate) points: Option<String>,
+    /// Topic of the laser scans [default: the only one]
+    #[arg(long, value_name = "TOPIC")]
+    pub(crate) scan: Option<String>,
+    /// Topic of the odometry [default: the only one]
+    #[arg(long, value_name = "TOPIC")]
+    pub(crate) odom: Option<String>,
+    /// Name of the vehicle in the keys
+    #[arg(long, default_value = "v0", value_name = "NAME")]
+    pub(crate) vehicle: String,
+}
+
+/// Turn recordings into tables, plots and a report.
+#[derive(Debug, Args)]
+#[command(after_help = "Example:\n  swath report run.mcap bench.mcap --out report")]
+pub(crate) struct ReportOptions {
+    /// Recordings
+    #[arg(required = true)]
+    pub(crate) files: Vec<PathBuf>,
+    /// Directory for report.md, tables.tex, CSV, Parquet and SVG files
+    #[arg(long, value_name = "DIR")]
+    pub(crate) out: PathBuf,
+    /// Print the summary as JSON
+    #[arg(long)]
+    pub(crate) json: bool,
+}

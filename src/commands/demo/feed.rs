@@ -1,0 +1,97 @@
+//! Live grids for a demo's planner: a simulated drive, or the frames of logs again and again.
+
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::time::Duration;
+
+use swath_bridge::msg::header::Header;
+use swath_bridge::{Frame, Session, clock, ingest, keys};
+use swath_generator::{Drive, Generator, Scenes};
+use swath_planner::report::{odometry_message, path_message};
+use tokio::time::MissedTickBehavior;
+
+use crate::config::Config;
+
+/// Time between two grids.
+const PERIOD: Duration = Duration::from_millis(100);
+/// Seed of the simulated drive.
+const SEED: u64 = 2026;
+/// Name of the vehicle in the keys.
+const VEHICLE: &str = "v0";
+
+/// Where frames come from.
+#[derive(Debug)]
+pub(super) enum Feed {
+    /// A simulated drive.
+    Drive(Box<Drive>),
+    /// Logs, one after the other.
+    Logs {
+        logs: Vec<PathBuf>,
+        config: Box<ingest::IngestConfig>,
+    },
+}
+
+impl Feed {
+    /// Frames of logs, or of a simulated drive without any.
+    pub(super) fn open(logs: &[PathBuf], config: &Config) -> anyhow::Result<Self> {
+        if logs.is_empty() {
+            let generator = Generator::new(config.generator(), Scenes::Procedural)?;
+            return Ok(Self::Drive(Box::new(Drive::new(Arc::new(generator), SEED))));
+        }
+        let config = config.ingest();
+        // A log that cannot be read is an error now, not when its turn comes.
+        for log in logs {
+            drop(ingest::frames(log, &config)?);
+        }
+        Ok(Self::Logs {
+            logs: logs.to_vec(),
+            config: Box::new(config),
+        })
+    }
+
+    fn frames(self) -> Box<dyn Iterator<Item = anyhow::Result<Frame>> + Send> {
+        match self {
+            Self::Drive(drive) => Box::new(drive.map(|(_, frame)| Ok(frame))),
+            Self::Logs { logs, config } => {
+                let endless = (0..logs.len()).cycle().flat_map(move |index| {
+                    let frames = ingest::frames(&logs[index], &config);
+                    let (frames, error) = match frames {
+                        Ok(frames) => (Some(frames), None),
+                        Err(error) => (None, Some(Err(error))),
+                    };
+                    frames.into_iter().flatten().chain(error)
+                });
+                Box::new(endless.map(|frame| Ok(frame?)))
+            }
+        }
+    }
+}
+
+/// Publishes ten frames a second until it is dropped.
+pub(super) async fn run(session: Session, feed: Feed) -> anyhow::Result<()> {
+    let grids = session.publisher(&keys::grid(VEHICLE)).await?;
+    let odometry = session.publisher(&keys::odom(VEHICLE)).await?;
+    let references = session.publisher(&keys::reference(VEHICLE)).await?;
+    let mut ticks = tokio::time::interval(PERIOD);
+    ticks.set_missed_tick_behavior(MissedTickBehavior::Delay);
+    let mut frames = feed.frames();
+    loop {
+        // Simulating or reading a frame takes milliseconds, which other tasks are not to wait for.
+        let made = tokio::task::spawn_blocking(move || {
+            let frame = frames.next();
+            (frames, frame)
+        });
+        let (rest, frame) = made.await?;
+        frames = rest;
+        let Some(frame) = frame.transpose()? else {
+            return Ok(());
+        };
+        ticks.tick().await;
+        let header = Header::at(clock::now_nanos(), "base_link");
+        references
+            .put(&path_message(&header, &frame.reference))
+            .await?;
+        odometry.put(&odometry_message(&header, &frame)).await?;
+        grids.put(&frame.occupancy.to_message(header)).await?;
+    }
+}

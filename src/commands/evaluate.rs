@@ -1,0 +1,197 @@
+//! `swath evaluate`: a network and two baselines against labels.
+
+use std::path::Path;
+
+use serde::Serialize;
+use swath_bridge::msg::header::Header;
+use swath_bridge::msg::swath::Evaluation;
+use swath_bridge::recording::Writer;
+use swath_bridge::{clock, keys};
+use swath_trainer::{DISTANCE_GROUPS_M, Predictor, Report, evaluate};
+
+use super::plan::load_network;
+use super::train::open;
+use crate::cli::EvaluateOptions;
+use crate::config::Config;
+use crate::output::{self, Failure};
+
+/// Run that evaluations of files are recorded under.
+const RUN: &str = "file";
+
+/// Runs the command.
+pub(crate) fn run(options: &EvaluateOptions, config: &Config) -> Result<(), Failure> {
+    let network = load_network(&options.weights)?;
+    let examples = open(&options.data)?.solved;
+    let info = network.info();
+    let dilation_m = options.dilation_m.unwrap_or(info.label_dilation_m);
+    let predictors = [
+        Predictor::Network(&network),
+        Predictor::Reference {
+            already_m: info.reference_dilation_m,
+        },
+        Predictor::Dubins {
+            vehicle: &config.vehicle,
+        },
+    ];
+    let mut reports = Vec::new();
+    for predictor in predictors {
+        reports.push((
+            predictor.name(),
+            evaluate(predictor, &examples, dilation_m, true)?,
+        ));
+    }
+    if let Some(out) = &options.out {
+        record(out, &split_name(options), &reports)?;
+    }
+    if options.json {
+        output::json(&Json::new(&reports)?)?;
+    } else {
+        print(&reports)?;
+    }
+    Ok(())
+}
+
+fn split_name(options: &EvaluateOptions) -> String {
+    let stems = options.data.iter().filter_map(|path| path.file_stem());
+    stems
+        .map(|stem| stem.to_string_lossy())
+        .collect::<Vec<_>>()
+        .join("+")
+}
+
+/// What `--json` prints.
+#[derive(Debug, Serialize)]
+struct Json {
+    #[serde(flatten)]
+    network: ScoreJson,
+    ms_per_sample: f64,
+    dilation_m: f64,
+    by_scene: Vec<(String, ScoreJson)>,
+    by_distance: Vec<DistanceJson>,
+    baselines: Vec<(&'static str, ScoreJson)>,
+}
+
+#[derive(Debug, Serialize)]
+struct ScoreJson {
+    samples: u64,
+    miou: f64,
+    iou_path: f64,
+    iou_background: f64,
+    joined_share: f64,
+}
+
+#[derive(Debug, Serialize)]
+struct DistanceJson {
+    /// Metres; null beyond the last group.
+    to_m: f64,
+    #[serde(flatten)]
+    score: ScoreJson,
+}
+
+impl ScoreJson {
+    fn new(counts: &swath_trainer::Counts) -> Self {
+        Self {
+            samples: counts.samples,
+            miou: counts.miou(),
+            iou_path: counts.iou_path(),
+            iou_background: counts.iou_background(),
+            joined_share: counts.joined_share(),
+        }
+    }
+}
+
+impl Json {
+    fn new(reports: &[(&'static str, Report)]) -> anyhow::Result<Self> {
+        let Some(((_, network), baselines)) = reports.split_first() else {
+            anyhow::bail!("nothing was evaluated");
+        };
+        let scenes = network.scores.by_scene.iter();
+        let groups = DISTANCE_GROUPS_M.iter().zip(&network.scores.by_distance);
+        Ok(Self {
+            network: ScoreJson::new(&network.scores.total),
+            ms_per_sample: network.ms_per_sample,
+            dilation_m: network.dilation_m,
+            by_scene: scenes
+                .map(|(scene, counts)| (scene.clone(), ScoreJson::new(counts)))
+                .collect(),
+            by_distance: groups
+                .map(|(&to_m, counts)| DistanceJson {
+                    to_m,
+                    score: ScoreJson::new(counts),
+                })
+                .collect(),
+            baselines: baselines
+                .iter()
+                .map(|(name, report)| (*name, ScoreJson::new(&report.scores.total)))
+                .collect(),
+        })
+    }
+}
+
+fn print(reports: &[(&'static str, Report)]) -> anyhow::Result<()> {
+    output::line("predictor            samples     mIoU  path IoU  background IoU  joined  ms")?;
+    for (name, report) in reports {
+        let total = &report.scores.total;
+        output::line(format_args!(
+            "{name:<20} {:>7}  {:>6.2}%  {:>7.2}%  {:>13.2}%  {:>5.1}%  {:.2}",
+            total.samples,
+            100.0 * total.miou(),
+            100.0 * total.iou_path(),
+            100.0 * total.iou_background(),
+            100.0 * total.joined_share(),
+            report.ms_per_sample,
+        ))?;
+    }
+    let Some((_, network)) = reports.first() else {
+        return Ok(());
+    };
+    for (scene, counts) in &network.scores.by_scene {
+        output::line(format_args!(
+            "  {scene:<18} {:>7}  {:>6.2}%",
+            counts.samples,
+            100.0 * counts.miou()
+        ))?;
+    }
+    let mut from_m = 0.0;
+    for (to_m, counts) in DISTANCE_GROUPS_M.iter().zip(&network.scores.by_distance) {
+        if counts.samples > 0 {
+            output::line(format_args!(
+                "  {from_m:>3.0} m to {to_m:>3.0} m     {:>7}  {:>6.2}%",
+                counts.samples,
+                100.0 * counts.miou()
+            ))?;
+        }
+        from_m = *to_m;
+    }
+    Ok(())
+}
+
+/// Writes the counts, from which a report makes its table.
+#[expect(
+    clippy::cast_possible_truncation,
+    reason = "the message has single precision"
+)]
+fn record(out: &Path, split: &str, reports: &[(&'static str, Report)]) -> anyhow::Result<()> {
+    let mut writer = Writer::create(out)?;
+    let now = clock::now_nanos();
+    for (name, report) in reports {
+        let total = &report.scores.total;
+        let message = Evaluation {
+            header: Header::at(now, ""),
+            run: RUN.to_owned(),
+            weights_version: 0,
+            predictor: (*name).to_owned(),
+            split: split.to_owned(),
+            dilation_m: report.dilation_m as f32,
+            samples: total.samples,
+            intersection_path: total.intersection_path,
+            union_path: total.union_path,
+            intersection_background: total.intersection_background,
+            union_background: total.union_background,
+            ms_per_sample: report.ms_per_sample as f32,
+        };
+        writer.write(&keys::evaluation(RUN), &message, now, now)?;
+    }
+    writer.finish()?;
+    Ok(())
+}

@@ -1,0 +1,77 @@
+//! One configuration file for all nodes, so that they agree on vehicle and grid.
+
+use std::path::Path;
+
+use anyhow::Context;
+use serde::{Deserialize, Serialize};
+use swath_bridge::ingest::IngestConfig;
+use swath_bridge::{GridSpec, Vehicle};
+use swath_generator::GeneratorConfig;
+use swath_planner::{ObstacleConfig, PlanConfig, TargetConfig};
+use swath_trainer::TrainConfig;
+
+/// Most bytes that a configuration file may have.
+const MAX_FILE_BYTES: u64 = 1024 * 1024;
+
+/// The configuration. Sections and keys that are left out have their defaults.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub(crate) struct Config {
+    /// Dimensions of the vehicle.
+    pub(crate) vehicle: Vehicle,
+    /// Size of the grid.
+    pub(crate) grid: GridSpec,
+    /// Which cells are obstacles.
+    pub(crate) obstacles: ObstacleConfig,
+    /// Where targets are placed.
+    pub(crate) targets: TargetConfig,
+    /// How frames are planned.
+    pub(crate) plan: PlanConfig,
+    /// How networks are trained; what the command line says comes first.
+    pub(crate) train: TrainConfig,
+    /// How logs become grids; vehicle and grid are those above.
+    ingest: IngestConfig,
+    /// How samples are made; vehicle and grid are those above.
+    generator: GeneratorConfig,
+}
+
+impl Config {
+    /// Reads a TOML file; without one, everything has its default.
+    pub(crate) fn load(path: Option<&Path>) -> anyhow::Result<Self> {
+        let Some(path) = path else {
+            return Ok(Self::default());
+        };
+        let context = || path.display().to_string();
+        let bytes = std::fs::metadata(path).with_context(context)?.len();
+        anyhow::ensure!(
+            bytes <= MAX_FILE_BYTES,
+            "{}: {bytes} bytes, too long",
+            context()
+        );
+        let text = std::fs::read_to_string(path).with_context(context)?;
+        let config: Self = toml::from_str(&text).with_context(context)?;
+        config.vehicle.validate().with_context(context)?;
+        config.grid.validate().with_context(context)?;
+        config.ingest().validate().with_context(context)?;
+        config.generator().validate().with_context(context)?;
+        Ok(config)
+    }
+
+    /// How logs become grids.
+    pub(crate) fn ingest(&self) -> IngestConfig {
+        IngestConfig {
+            spec: self.grid,
+            vehicle: self.vehicle,
+            ..self.ingest.clone()
+        }
+    }
+
+    /// How samples are made.
+    pub(crate) fn generator(&self) -> GeneratorConfig {
+        GeneratorConfig {
+            grid: self.grid,
+            vehicle: self.vehicle,
+            ..self.generator.clone()
+        }
+    }
+}
