@@ -134,7 +134,7 @@ fn decided(seed: u64) -> Parameters {
         .collect();
     let sides = noise(seed + 9, shifts.len(), 1.0);
     for (shift, side) in shifts.into_iter().zip(sides) {
-        parameters.values_mut()[shift] = if side > -0.2 { 5.0 } else { -5.0 };
+        parameters.values_mut()[shift] = if side > -0.2 { 30.0 } else { -30.0 };
     }
     parameters
 }
