@@ -278,7 +278,8 @@ pub(crate) struct BridgeOptions {
 
 #[derive(Debug, Subcommand)]
 pub(crate) enum BridgeCommand {
-    /// Record every swath topic into an MCAP file until stopped
+    /// Record every swath topic into an MCAP file until stopped, and keep the newest weights beside it
+    /// for planners that start when their trainer is gone
     #[command(after_help = "Example:\n  swath bridge record --out run.mcap")]
     Record {
         /// Recording to write

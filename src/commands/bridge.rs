@@ -5,6 +5,7 @@ use std::time::Duration;
 
 use anyhow::Context;
 use indicatif::ProgressBar;
+use swath_bridge::WeightsStore;
 use swath_bridge::ingest::{Progress, write_grids};
 use swath_bridge::recording::{self, RecordOptions, Recorder};
 
@@ -40,6 +41,8 @@ fn record(out: &Path, seconds: Option<u64>, network: &NetworkOptions) -> Result<
     };
     let counts = with_session(network, async |session| {
         let recorder = Recorder::start(&session, &options).await?;
+        // Late planners get the newest weights from here when their trainer is gone.
+        let _store = WeightsStore::open(&session, &out.with_extension("weights"), &[]).await?;
         let end = async {
             match seconds {
                 Some(seconds) => tokio::time::sleep(Duration::from_secs(seconds)).await,

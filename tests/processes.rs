@@ -1,0 +1,264 @@
+//! Every node as a process of its own: samples reach the trainer, weights reach running and late
+//! planners, no plan mixes two versions, and a recorder has it all.
+
+#![expect(clippy::unwrap_used, reason = "helpers of tests")]
+
+use std::collections::BTreeMap;
+use std::path::Path;
+use std::process::{Child, Command, ExitStatus, Stdio};
+use std::sync::Arc;
+use std::time::Duration;
+
+use nix::sys::signal::{Signal, kill};
+use nix::unistd::Pid;
+use swath_bridge::msg::header::Header;
+use swath_bridge::msg::nav::{OccupancyGrid, Path as PathMessage};
+use swath_bridge::msg::swath::{PlanReport, Sample, Weights};
+use swath_bridge::recording::Reader;
+use swath_bridge::{
+    Cell, FREE, GridSpec, OCCUPIED, Occupancy, Pose2, Publisher, Session, SessionConfig,
+    Subscriber, Vehicle, keys,
+};
+use swath_planner::network::Network;
+use swath_planner::report::path_message;
+use swath_planner::{
+    FrameInput, FramePlanner, MotionModel, ObstacleConfig, PlanConfig, TargetConfig, sample_targets,
+};
+
+/// Longer than anything here takes, so that a test that would hang fails.
+const PATIENCE: Duration = Duration::from_secs(240);
+/// Time between two grids; a plan takes less.
+const GRID_PERIOD: Duration = Duration::from_millis(100);
+/// Speed of planners without odometry, m/s.
+const SPEED_M_PER_S: f64 = 1.4;
+const CONFIG: &str = "[targets]\ncount = 3\n";
+
+/// A node that is killed if a test ends without stopping it.
+struct Node(Child);
+
+impl Node {
+    fn start(folder: &Path, namespace: &str, arguments: &[&str]) -> Self {
+        let config = folder.join("swath.toml");
+        std::fs::write(&config, CONFIG).unwrap();
+        let child = Command::new(env!("CARGO_BIN_EXE_swath"))
+            .args(["--namespace", namespace, "--config"])
+            .arg(config)
+            .args(arguments)
+            .stdin(Stdio::null())
+            .stdout(Stdio::null())
+            .spawn();
+        Self(child.unwrap())
+    }
+
+    fn stop(mut self) -> ExitStatus {
+        kill(
+            Pid::from_raw(i32::try_from(self.0.id()).unwrap()),
+            Signal::SIGTERM,
+        )
+        .unwrap();
+        self.0.wait().unwrap()
+    }
+}
+
+impl Drop for Node {
+    fn drop(&mut self) {
+        // It has usually ended by now.
+        let _ = self.0.kill();
+        let _ = self.0.wait();
+    }
+}
+
+/// A vehicle that sends the same surroundings again and again.
+struct Surroundings {
+    occupancy: Occupancy,
+    reference: Vec<Pose2>,
+    stamp: u64,
+    grids: Publisher<OccupancyGrid>,
+    references: Publisher<PathMessage>,
+    plans: Subscriber<PlanReport>,
+}
+
+impl Surroundings {
+    async fn of(session: &Session, vehicle: &str) -> Self {
+        let mut occupancy = Occupancy::filled(GridSpec::default(), FREE);
+        for col in 60..80 {
+            occupancy.set(Cell::new(220, col), OCCUPIED);
+        }
+        Self {
+            occupancy,
+            reference: (0..50)
+                .map(|k| Pose2::new(f64::from(k), 0.0, 0.0))
+                .collect(),
+            stamp: 0,
+            grids: session.publisher(&keys::grid(vehicle)).await.unwrap(),
+            references: session.publisher(&keys::reference(vehicle)).await.unwrap(),
+            plans: session.subscriber(&keys::plan(vehicle), 64).await.unwrap(),
+        }
+    }
+
+    /// Sends grids until a plan comes that was made for a reference.
+    async fn next_plan(&mut self) -> PlanReport {
+        loop {
+            self.stamp += 1;
+            let header = Header::at(self.stamp, "base_link");
+            let reference = path_message(&header, &self.reference);
+            self.references.put(&reference).await.unwrap();
+            self.grids
+                .put(&self.occupancy.to_message(header))
+                .await
+                .unwrap();
+            if let Ok(plan) = tokio::time::timeout(GRID_PERIOD, self.plans.recv()).await {
+                let plan = plan.unwrap().message;
+                if !plan.targets.is_empty() {
+                    return plan;
+                }
+            }
+        }
+    }
+
+    /// Plans as a planner with this network should have.
+    fn steps_with(&self, network: &Network) -> Vec<u64> {
+        let spec = self.occupancy.spec;
+        let model = MotionModel::new(&Vehicle::default(), spec.resolution_m).unwrap();
+        let targets = TargetConfig {
+            count: 3,
+            ..TargetConfig::default()
+        };
+        let goals = sample_targets(&self.reference, &spec, &targets);
+        let obstacles = ObstacleConfig::default().obstacles(&self.occupancy);
+        let input = FrameInput {
+            spec,
+            obstacles: &obstacles,
+            reference: &self.reference,
+            goals: &goals,
+        };
+        let config = PlanConfig {
+            speed_m_per_s: SPEED_M_PER_S,
+            ..PlanConfig::default()
+        };
+        let plan = FramePlanner::new(Arc::new(model))
+            .plan(&input, Some(network), &config)
+            .unwrap();
+        plan.targets
+            .iter()
+            .map(|target| target.result.steps)
+            .collect()
+    }
+}
+
+fn steps_of(plan: &PlanReport) -> Vec<u64> {
+    plan.targets.iter().map(|target| target.steps).collect()
+}
+
+async fn all_together(folder: &Path) {
+    let namespace = format!("test-{}", std::process::id());
+    let recording = folder.join("run.mcap");
+    let start = |arguments: &[&str]| Node::start(folder, &namespace, arguments);
+    let config = SessionConfig {
+        namespace: Some(namespace.clone()),
+        ..SessionConfig::default()
+    };
+    let session = Session::open(&config).await.unwrap();
+    let mut samples: Subscriber<Sample> =
+        session.subscriber(&keys::sample("*"), 512).await.unwrap();
+    let mut published: Subscriber<Weights> =
+        session.subscriber(&keys::weights("*"), 64).await.unwrap();
+    let mut vehicle = Surroundings::of(&session, "v0").await;
+
+    let recorder = start(&["bridge", "record", "--out", recording.to_str().unwrap()]);
+    let train = folder.join("train");
+    let trainer = start(&[
+        "train",
+        "--out",
+        train.to_str().unwrap(),
+        "--size",
+        "half",
+        "--batch",
+        "4",
+        "--publish-every",
+        "3",
+    ]);
+    let planner = start(&["plan"]);
+    let generators = ["a", "b"].map(|id| start(&["generate", "--id", id, "--workers", "1"]));
+
+    let mut heard = BTreeMap::new();
+    while heard.len() < 2 {
+        let sample = samples.recv().await.unwrap().message;
+        *heard.entry(sample.generator).or_insert(0) += 1;
+    }
+
+    // A running planner takes up each version; what it plans is what that version alone gives.
+    let mut networks = BTreeMap::new();
+    let mut checked = BTreeMap::new();
+    while checked.len() < 3 {
+        let plan = vehicle.next_plan().await;
+        while let Some(weights) = published.try_recv() {
+            let weights = weights.message;
+            networks.insert(
+                weights.version,
+                Network::load(&weights.safetensors).unwrap(),
+            );
+        }
+        let version = plan.weights_version;
+        if let Some(network) = networks.get(&version) {
+            assert_eq!(plan.method, "tiev-fcn");
+            assert_eq!(
+                steps_of(&plan),
+                vehicle.steps_with(network),
+                "version {version}"
+            );
+            *checked.entry(version).or_insert(0) += 1;
+        }
+        let newest_checked = checked.keys().next_back().copied().unwrap_or(0);
+        assert!(
+            version == 0 || version >= newest_checked,
+            "an older version came back"
+        );
+    }
+
+    // A planner that starts when trainer and generators are gone has the newest weights all the same.
+    for node in generators.into_iter().chain([trainer]) {
+        assert!(node.stop().success());
+    }
+    let newest = std::fs::read(train.join("weights.safetensors")).unwrap();
+    let newest = Network::load(&newest).unwrap();
+    let late = start(&["plan", "--vehicle", "late"]);
+    let mut late_vehicle = Surroundings::of(&session, "late").await;
+    let mut plan = late_vehicle.next_plan().await;
+    while plan.weights_version == 0 {
+        plan = late_vehicle.next_plan().await;
+    }
+    assert!(plan.weights_version >= *checked.keys().next_back().unwrap());
+    assert_eq!(steps_of(&plan), late_vehicle.steps_with(&newest));
+
+    for node in [late, planner, recorder] {
+        assert!(node.stop().success());
+    }
+    let mut topics = BTreeMap::new();
+    for message in Reader::open(&recording).unwrap() {
+        *topics
+            .entry(message.unwrap().topic.to_string())
+            .or_insert(0) += 1;
+    }
+    for topic in [
+        "/swath/sample/a",
+        "/swath/sample/b",
+        "/swath/weights/main",
+        "/swath/train/main",
+        "/swath/vehicle/v0/plan",
+        "/swath/vehicle/late/plan",
+        "/swath/vehicle/v0/path",
+    ] {
+        assert!(topics.contains_key(topic), "{topic} is not in {topics:?}");
+    }
+    assert!(train.join("weights.safetensors").exists());
+}
+
+#[test]
+fn two_generators_a_trainer_two_planners_and_a_recorder_work_as_processes() {
+    let folder = tempfile::tempdir().unwrap();
+    let runtime = tokio::runtime::Runtime::new().unwrap();
+    let ended = runtime
+        .block_on(async { tokio::time::timeout(PATIENCE, all_together(folder.path())).await });
+    assert!(ended.is_ok(), "not done within {PATIENCE:?}");
+}
