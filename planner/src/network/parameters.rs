@@ -130,10 +130,18 @@ impl Parameters {
                 bytes.len()
             )));
         }
-        let (_, header) = SafeTensors::read_metadata(bytes)
-            .map_err(|error| wrong(format!("not a safetensors file: {}", evidence(&error))))?;
-        let file = SafeTensors::deserialize(bytes)
-            .map_err(|error| wrong(format!("not a safetensors file: {}", evidence(&error))))?;
+        let (_, header) = SafeTensors::read_metadata(bytes).map_err(|error| {
+            wrong(format!(
+                "expected a safetensors file that swath wrote: {}",
+                evidence(&error)
+            ))
+        })?;
+        let file = SafeTensors::deserialize(bytes).map_err(|error| {
+            wrong(format!(
+                "expected a safetensors file that swath wrote: {}",
+                evidence(&error)
+            ))
+        })?;
         let graph = layout();
         if file.len() != graph.tensors.len() {
             let (found, expected) = (file.len(), graph.tensors.len());

@@ -1,0 +1,307 @@
+//! The commands as a person or a script meets them: results, errors, exit codes.
+
+#![expect(clippy::unwrap_used, reason = "helpers of tests")]
+
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+
+use assert_cmd::Command;
+use serde_json::Value;
+use tempfile::TempDir;
+
+const ROWS: usize = 401;
+const COLS: usize = 151;
+
+fn swath() -> Command {
+    Command::cargo_bin("swath").unwrap()
+}
+
+/// A map with a wall across the road that leaves a gap on the left.
+fn write_map(folder: &Path) -> PathBuf {
+    let path = folder.join("map.pgm");
+    let mut bytes = format!("P5\n{COLS} {ROWS}\n255\n").into_bytes();
+    for row in 0..ROWS {
+        for col in 0..COLS {
+            let is_wall = (200..203).contains(&row) && col > 55;
+            bytes.push(if is_wall { 0 } else { 255 });
+        }
+    }
+    std::fs::write(&path, bytes).unwrap();
+    path
+}
+
+fn write(folder: &TempDir, name: &str, bytes: impl AsRef<[u8]>) -> PathBuf {
+    let path = folder.path().join(name);
+    std::fs::write(&path, bytes).unwrap();
+    path
+}
+
+fn numbers(value: &Value) -> Vec<f64> {
+    value
+        .as_array()
+        .unwrap()
+        .iter()
+        .map(|number| number.as_f64().unwrap())
+        .collect()
+}
+
+#[test]
+fn plan_prints_the_json_it_promises() {
+    let folder = tempfile::tempdir().unwrap();
+    let map = write_map(folder.path());
+    let goals = write(
+        &folder,
+        "goals.txt",
+        "# x y yaw\n40 0 0\n19.9 0 0\n500 0 0\n",
+    );
+    let output = swath()
+        .args(["plan", "--json", "-", "--picture"])
+        .arg(folder.path().join("plan.png"))
+        .arg("--map")
+        .arg(&map)
+        .arg("--goals")
+        .arg(&goals)
+        .assert()
+        .success();
+    let plan: Value = serde_json::from_slice(&output.get_output().stdout).unwrap();
+    assert_eq!(plan["method"], "tiev");
+    for time in ["network_ms", "search_ms", "cpu_ms", "total_ms"] {
+        assert!(plan[time].as_f64().unwrap() >= 0.0, "{time}");
+    }
+    let targets = plan["targets"].as_array().unwrap();
+    let statuses: Vec<&str> = targets
+        .iter()
+        .map(|t| t["status"].as_str().unwrap())
+        .collect();
+    assert_eq!(statuses, ["solved", "goal_occupied", "out_of_bounds"]);
+    assert!(targets[1]["cost"].is_null() && targets[1]["path"].as_array().unwrap().is_empty());
+
+    let path: Vec<Vec<f64>> = targets[0]["path"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .map(numbers)
+        .collect();
+    assert_eq!(path[0], [0.0, 0.0, 0.0]);
+    let last = &path[path.len() - 1];
+    assert!((last[0] - 40.0).hypot(last[1]) <= 0.5 && last[2].abs() <= 15f64.to_radians());
+    let mut cost = 0.0;
+    for pair in path.windows(2) {
+        let step_m = (pair[1][0] - pair[0][0]).hypot(pair[1][1] - pair[0][1]);
+        assert!(step_m <= 0.2 + 1e-9);
+        cost += step_m + (pair[1][2] - pair[0][2]).abs();
+    }
+    assert!((cost - targets[0]["cost"].as_f64().unwrap()).abs() < 1e-6);
+    assert!(folder.path().join("plan.png").metadata().unwrap().len() > 1000);
+}
+
+#[test]
+fn wrong_files_are_named_with_the_place_and_what_was_expected() {
+    let folder = tempfile::tempdir().unwrap();
+    let map = write_map(folder.path());
+    let goals = write(&folder, "goals.txt", "10 0 0\n");
+    let bad_goals = write(&folder, "bad-goals.txt", "10 0 0\n12 zero 0\n");
+    let empty = write(&folder, "empty", "");
+    let junk = write(&folder, "junk", [0x5a; 300]);
+    let cut = write(&folder, "cut.pgm", &std::fs::read(&map).unwrap()[..1000]);
+    let text = |path: &Path| path.display().to_string();
+    let missing = text(&folder.path().join("missing"));
+    let (map, goals) = (text(&map), text(&goals));
+    let plan = |map: &str, goals: &str, more: &[&str]| -> Vec<String> {
+        let words = ["plan", "--map", map, "--goals", goals];
+        words
+            .iter()
+            .chain(more)
+            .map(|&word| word.to_owned())
+            .collect()
+    };
+    let words = |words: &[&str]| {
+        words
+            .iter()
+            .map(|&word| word.to_owned())
+            .collect::<Vec<_>>()
+    };
+    let out = text(&folder.path().join("out"));
+    let (empty, junk) = (text(&empty), text(&junk));
+    for (arguments, file, said) in [
+        (plan(&missing, &goals, &[]), &missing, "No such file"),
+        (plan(&empty, &goals, &[]), &empty, "byte 0"),
+        (plan(&junk, &goals, &[]), &junk, "byte 0"),
+        (plan(&text(&cut), &goals, &[]), &text(&cut), "byte"),
+        (
+            plan(&map, &text(&bad_goals), &[]),
+            &text(&bad_goals),
+            "line 2",
+        ),
+        (plan(&map, &goals, &["--weights", &junk]), &junk, "expected"),
+        (
+            plan(&map, &goals, &["--weights", &empty]),
+            &empty,
+            "expected",
+        ),
+        (words(&["bridge", "info", &junk]), &junk, "byte 0"),
+        (words(&["bridge", "info", &empty]), &empty, "byte 0"),
+        (
+            words(&["bridge", "recover", &junk, "--out", &out]),
+            &junk,
+            "byte 0",
+        ),
+        (
+            words(&["bridge", "grids", &junk, "--out", &out]),
+            &junk,
+            "byte 0",
+        ),
+        (
+            words(&["train", "--data", &junk, "--out", &out]),
+            &junk,
+            "byte 0",
+        ),
+        (words(&["report", &junk, "--out", &out]), &junk, "byte 0"),
+        (words(&["--config", &junk, "demo"]), &junk, "line 1"),
+    ] {
+        let assert = swath().args(&arguments).assert().code(1);
+        let stderr = String::from_utf8_lossy(&assert.get_output().stderr).into_owned();
+        assert!(
+            stderr.contains(file.as_str()),
+            "{arguments:?} does not name {file}: {stderr}"
+        );
+        assert!(
+            stderr.contains(said),
+            "{arguments:?} does not say {said}: {stderr}"
+        );
+        assert!(!stderr.contains("panicked"), "{stderr}");
+    }
+}
+
+#[test]
+fn wrong_usage_is_told_apart_and_says_what_to_do() {
+    swath().arg("fly").assert().code(2);
+    swath()
+        .args(["plan", "--map", "only-a-map.pgm"])
+        .assert()
+        .code(2);
+    swath().args(["plan", "--method", "magic"]).assert().code(2);
+    let folder = tempfile::tempdir().unwrap();
+    let map = write_map(folder.path());
+    let goals = write(&folder, "goals.txt", "10 0 0\n");
+    let assert = swath()
+        .args(["plan", "--method", "tiev-fcn", "--map"])
+        .arg(map)
+        .arg("--goals")
+        .arg(goals)
+        .assert()
+        .code(1);
+    let stderr = String::from_utf8_lossy(&assert.get_output().stderr).into_owned();
+    assert!(stderr.contains("--weights"), "{stderr}");
+}
+
+#[test]
+fn every_command_has_help_with_an_example() {
+    for command in [
+        "demo", "generate", "train", "evaluate", "plan", "bench", "report",
+    ] {
+        let assert = swath().args([command, "--help"]).assert().success();
+        let help = String::from_utf8_lossy(&assert.get_output().stdout).into_owned();
+        assert!(help.contains(&format!("swath {command}")), "{help}");
+        assert!(help.contains("Example"), "{help}");
+    }
+}
+
+fn generate(out: &Path, count: &str) {
+    swath()
+        .args(["generate", "--seed", "7", "--count", count, "--out"])
+        .arg(out)
+        .assert()
+        .success();
+}
+
+#[test]
+fn a_seed_gives_the_same_file_and_a_killed_training_ends_as_an_unbroken_one() {
+    let folder = tempfile::tempdir().unwrap();
+    let (data, again) = (folder.path().join("a.mcap"), folder.path().join("b.mcap"));
+    generate(&data, "40");
+    generate(&again, "40");
+    assert_eq!(
+        std::fs::read(&data).unwrap(),
+        std::fs::read(&again).unwrap()
+    );
+
+    let train = |out: &Path, more: &[&str]| {
+        let mut command = std::process::Command::new(env!("CARGO_BIN_EXE_swath"));
+        command.args(["train", "--epochs", "4", "--batch", "8", "--size", "half"]);
+        command
+            .args(more)
+            .arg("--data")
+            .arg(&data)
+            .arg("--out")
+            .arg(out);
+        command.stdout(std::process::Stdio::null()).spawn().unwrap()
+    };
+    let (whole, broken) = (folder.path().join("whole"), folder.path().join("broken"));
+    assert!(train(&whole, &[]).wait().unwrap().success());
+
+    let mut child = train(&broken, &[]);
+    let began = Instant::now();
+    while !broken.join("checkpoint.safetensors").exists() {
+        assert!(
+            began.elapsed() < Duration::from_secs(120),
+            "no checkpoint was written"
+        );
+        assert!(
+            child.try_wait().unwrap().is_none(),
+            "ended before it could be killed"
+        );
+        std::thread::yield_now();
+    }
+    child.kill().unwrap();
+    child.wait().unwrap();
+    let weights = |folder: &Path| std::fs::read(folder.join("weights.safetensors")).unwrap();
+    assert!(train(&broken, &["--resume"]).wait().unwrap().success());
+    assert!(
+        weights(&whole) == weights(&broken),
+        "resumed training differs"
+    );
+
+    let evaluated = swath()
+        .args(["evaluate", "--json", "--data"])
+        .arg(&data)
+        .arg("--weights")
+        .arg(whole.join("weights.safetensors"))
+        .assert()
+        .success();
+    let scores: Value = serde_json::from_slice(&evaluated.get_output().stdout).unwrap();
+    for key in [
+        "samples",
+        "miou",
+        "iou_path",
+        "iou_background",
+        "ms_per_sample",
+    ] {
+        assert!(scores[key].as_f64().unwrap() > 0.0, "{key}");
+    }
+    assert_eq!(scores["baselines"].as_array().unwrap().len(), 2);
+}
+
+#[test]
+fn a_truncated_recording_is_recovered_and_the_loss_is_an_exit_code() {
+    let folder = tempfile::tempdir().unwrap();
+    let data = folder.path().join("a.mcap");
+    generate(&data, "60");
+    let bytes = std::fs::read(&data).unwrap();
+    let cut = write(&folder, "cut.mcap", &bytes[..bytes.len() * 2 / 3]);
+    let good = folder.path().join("good.mcap");
+    swath()
+        .args(["bridge", "recover"])
+        .arg(&cut)
+        .arg("--out")
+        .arg(&good)
+        .assert()
+        .code(3);
+    let assert = swath()
+        .args(["bridge", "info", "--json"])
+        .arg(&good)
+        .assert()
+        .success();
+    let info: Value = serde_json::from_slice(&assert.get_output().stdout).unwrap();
+    assert!(info["messages"].as_u64().unwrap() > 0 && info["damage"].is_null());
+}
