@@ -7,6 +7,9 @@ use swath_bridge::{GridSpec, Pose2};
 /// Most targets of one frame.
 pub const MAX_TARGETS: usize = 256;
 
+/// Rows are set at most so many times closer to make up for places off the grid.
+const MAX_CROWDING: usize = 3;
+
 /// Where targets are placed.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
@@ -35,8 +38,10 @@ impl Default for TargetConfig {
 /// Samples targets along and across a reference path in the vehicle frame.
 ///
 /// One column of targets for up to 2, three for up to 14, five for more; the farthest row comes first
-/// and in each row the middle. Targets have the reference's heading. Places off the grid are left out,
-/// so there may be fewer targets than asked for; without a reference there are none.
+/// and in each row the middle. Distances count from the reference's point nearest to the vehicle.
+/// Targets have the reference's heading. Places off the grid are left out and rows are set closer
+/// instead, so there are fewer targets than asked for only where there is hardly any room; without a
+/// reference ahead there are none.
 pub fn sample_targets(reference: &[Pose2], spec: &GridSpec, config: &TargetConfig) -> Vec<Pose2> {
     let count = config.count.min(MAX_TARGETS);
     let line = Polyline::new(reference);
@@ -46,12 +51,40 @@ pub fn sample_targets(reference: &[Pose2], spec: &GridSpec, config: &TargetConfi
         3..=14 => 3,
         _ => 5,
     };
-    let rows = count.div_ceil(columns);
-    let Some(farthest_m) = line.farthest_on(spec, config.farthest_m) else {
+    let Some(start_m) = line.nearest_to_vehicle() else {
         return Vec::new();
     };
-    let nearest_m = config.nearest_m.min(farthest_m);
-    let mut targets = Vec::with_capacity(count);
+    let Some(farthest_m) = line.farthest_on(spec, start_m, config.farthest_m) else {
+        return Vec::new();
+    };
+    let nearest_m = (start_m + config.nearest_m).min(farthest_m);
+    let fewest_rows = count.div_ceil(columns);
+    let mut targets = Vec::new();
+    for rows in fewest_rows..=MAX_CROWDING * fewest_rows {
+        targets = grid_of_targets(
+            &line,
+            spec,
+            (farthest_m, nearest_m),
+            (rows, columns),
+            config,
+        );
+        if targets.len() >= count {
+            break;
+        }
+    }
+    targets.truncate(count);
+    targets
+}
+
+/// The places of a number of rows and columns that are on the grid.
+fn grid_of_targets(
+    line: &Polyline<'_>,
+    spec: &GridSpec,
+    (farthest_m, nearest_m): (f64, f64),
+    (rows, columns): (usize, usize),
+    config: &TargetConfig,
+) -> Vec<Pose2> {
+    let mut targets = Vec::with_capacity(rows * columns);
     for row in 0..rows {
         let share = if rows == 1 {
             0.0
@@ -66,10 +99,9 @@ pub fn sample_targets(reference: &[Pose2], spec: &GridSpec, config: &TargetConfi
             let side = if column % 2 == 0 { -1.0 } else { 1.0 };
             let across_m = config.across_m * side * column.div_ceil(2) as f64;
             let target = middle.then(&Pose2::new(0.0, across_m, 0.0));
-            if targets.len() < count
-                && spec
-                    .index_of(spec.cell_at(target.x_m, target.y_m))
-                    .is_some()
+            if spec
+                .index_of(spec.cell_at(target.x_m, target.y_m))
+                .is_some()
             {
                 targets.push(target);
             }
@@ -117,12 +149,29 @@ impl<'a> Polyline<'a> {
         })
     }
 
-    /// The farthest arc length up to `most_m` whose point is on the grid.
-    fn farthest_on(&self, spec: &GridSpec, most_m: f64) -> Option<f64> {
-        let end_m = self.arc_m.last()?.min(most_m);
+    /// Arc length of the point that is nearest to the vehicle; the first of several.
+    fn nearest_to_vehicle(&self) -> Option<f64> {
+        let vehicle = Pose2::default();
+        let mut nearest = (self.poses.first()?.distance_m(&vehicle), 0.0);
+        for (pair, arc_m) in self.poses.windows(2).zip(&self.arc_m) {
+            let (dx, dy) = (pair[1].x_m - pair[0].x_m, pair[1].y_m - pair[0].y_m);
+            let length_squared = dx * dx + dy * dy;
+            let share = (-(pair[0].x_m * dx + pair[0].y_m * dy) / length_squared).clamp(0.0, 1.0);
+            let point = Pose2::new(pair[0].x_m + share * dx, pair[0].y_m + share * dy, 0.0);
+            let distance_m = point.distance_m(&vehicle);
+            if distance_m < nearest.0 {
+                nearest = (distance_m, arc_m + share * libm::sqrt(length_squared));
+            }
+        }
+        Some(nearest.1)
+    }
+
+    /// The farthest arc length, up to `most_m` behind `start_m`, whose point is on the grid.
+    fn farthest_on(&self, spec: &GridSpec, start_m: f64, most_m: f64) -> Option<f64> {
+        let end_m = self.arc_m.last()?.min(start_m + most_m);
         let step_m = spec.resolution_m;
         let mut arc_m = end_m;
-        while arc_m > 0.0 {
+        while arc_m > start_m {
             let pose = self.at(arc_m)?;
             if spec.index_of(spec.cell_at(pose.x_m, pose.y_m)).is_some() {
                 return Some(arc_m);
@@ -170,6 +219,38 @@ mod tests {
             let targets = sample_targets(&straight(58.0), &GridSpec::default(), &config);
             assert_eq!(targets.len(), count);
         }
+    }
+
+    #[test]
+    fn distances_count_from_the_vehicle_wherever_the_reference_begins() {
+        let spec = GridSpec::default();
+        let config = TargetConfig::default();
+        let from_behind: Vec<Pose2> = (-18..=58)
+            .map(|k| Pose2::new(f64::from(k), 0.4, 0.0))
+            .collect();
+        let targets = sample_targets(&from_behind, &spec, &config);
+        assert!((targets[0].x_m - 55.0).abs() < 1e-6 && (targets[49].x_m - 8.0).abs() < 1e-6);
+        let behind_only: Vec<Pose2> = (0..9)
+            .map(|k| Pose2::new(f64::from(k) - 10.0, 0.0, 0.0))
+            .collect();
+        assert!(sample_targets(&behind_only, &spec, &config).is_empty());
+    }
+
+    #[test]
+    fn places_off_the_grid_are_made_up_for() {
+        let spec = GridSpec::default();
+        let config = TargetConfig::default();
+        let sideways: Vec<Pose2> = (0..=40)
+            .map(|k| 0.1 * f64::from(k))
+            .map(|t| Pose2::new(12.0 * t, 3.6 * t, 0.29))
+            .collect();
+        let targets = sample_targets(&sideways, &spec, &config);
+        assert_eq!(targets.len(), 50);
+        assert!(
+            targets
+                .iter()
+                .all(|t| spec.index_of(spec.cell_at(t.x_m, t.y_m)).is_some())
+        );
     }
 
     #[test]
