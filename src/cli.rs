@@ -216,7 +216,7 @@ pub(crate) struct PlanOptions {
     /// Weights of the network (safetensors)
     #[arg(long, value_name = "FILE")]
     pub(crate) weights: Option<PathBuf>,
-    /// Most time for one target's search; 0 for no limit
+    /// Most time for one target's search; 0 for no limit [default: 0 on a map, 100 as a node]
     #[arg(long, value_name = "N")]
     pub(crate) time_limit_ms: Option<u64>,
     /// Write the plans as JSON to a file, or to standard output for -

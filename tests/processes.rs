@@ -3,7 +3,7 @@
 
 #![expect(clippy::unwrap_used, reason = "helpers of tests")]
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 use std::process::{Child, Command, ExitStatus, Stdio};
 use std::sync::Arc;
@@ -26,11 +26,14 @@ use swath_planner::{
 };
 
 /// Longer than anything here takes, so that a test that would hang fails.
-const PATIENCE: Duration = Duration::from_secs(240);
+const PATIENCE: Duration = Duration::from_mins(4);
 /// Time between two grids; a plan takes less.
 const GRID_PERIOD: Duration = Duration::from_millis(100);
 /// Speed of planners without odometry, m/s.
 const SPEED_M_PER_S: f64 = 1.4;
+/// Small steps and frequent weights.
+const TRAINING: [&str; 6] = ["--size", "half", "--batch", "4", "--publish-every", "3"];
+const CONFIG_FILE: &str = "swath.toml";
 const CONFIG: &str = "[targets]\ncount = 3\n";
 
 /// A node that is killed if a test ends without stopping it.
@@ -38,11 +41,9 @@ struct Node(Child);
 
 impl Node {
     fn start(folder: &Path, namespace: &str, arguments: &[&str]) -> Self {
-        let config = folder.join("swath.toml");
-        std::fs::write(&config, CONFIG).unwrap();
         let child = Command::new(env!("CARGO_BIN_EXE_swath"))
             .args(["--namespace", namespace, "--config"])
-            .arg(config)
+            .arg(folder.join(CONFIG_FILE))
             .args(arguments)
             .stdin(Stdio::null())
             .stdout(Stdio::null())
@@ -150,46 +151,24 @@ fn steps_of(plan: &PlanReport) -> Vec<u64> {
     plan.targets.iter().map(|target| target.steps).collect()
 }
 
-async fn all_together(folder: &Path) {
-    let namespace = format!("test-{}", std::process::id());
-    let recording = folder.join("run.mcap");
-    let start = |arguments: &[&str]| Node::start(folder, &namespace, arguments);
-    let config = SessionConfig {
-        namespace: Some(namespace.clone()),
-        ..SessionConfig::default()
-    };
-    let session = Session::open(&config).await.unwrap();
+/// Waits until two generators were heard.
+async fn hear_two_generators(session: &Session) {
     let mut samples: Subscriber<Sample> =
         session.subscriber(&keys::sample("*"), 512).await.unwrap();
-    let mut published: Subscriber<Weights> =
-        session.subscriber(&keys::weights("*"), 64).await.unwrap();
-    let mut vehicle = Surroundings::of(&session, "v0").await;
-
-    let recorder = start(&["bridge", "record", "--out", recording.to_str().unwrap()]);
-    let train = folder.join("train");
-    let trainer = start(&[
-        "train",
-        "--out",
-        train.to_str().unwrap(),
-        "--size",
-        "half",
-        "--batch",
-        "4",
-        "--publish-every",
-        "3",
-    ]);
-    let planner = start(&["plan"]);
-    let generators = ["a", "b"].map(|id| start(&["generate", "--id", id, "--workers", "1"]));
-
-    let mut heard = BTreeMap::new();
+    let mut heard = BTreeSet::new();
     while heard.len() < 2 {
-        let sample = samples.recv().await.unwrap().message;
-        *heard.entry(sample.generator).or_insert(0) += 1;
+        heard.insert(samples.recv().await.unwrap().message.generator);
     }
+}
 
-    // A running planner takes up each version; what it plans is what that version alone gives.
+/// Checks that a running planner takes up three versions, never an older one again, and that what it
+/// plans with each is what that version alone gives. Returns the newest.
+async fn follow_three_versions(
+    vehicle: &mut Surroundings,
+    published: &mut Subscriber<Weights>,
+) -> u64 {
     let mut networks = BTreeMap::new();
-    let mut checked = BTreeMap::new();
+    let mut checked = BTreeSet::new();
     while checked.len() < 3 {
         let plan = vehicle.next_plan().await;
         while let Some(weights) = published.try_recv() {
@@ -207,39 +186,34 @@ async fn all_together(folder: &Path) {
                 vehicle.steps_with(network),
                 "version {version}"
             );
-            *checked.entry(version).or_insert(0) += 1;
+            checked.insert(version);
         }
-        let newest_checked = checked.keys().next_back().copied().unwrap_or(0);
+        let newest = checked.last().copied().unwrap_or(0);
         assert!(
-            version == 0 || version >= newest_checked,
+            version == 0 || version >= newest,
             "an older version came back"
         );
     }
+    checked.last().copied().unwrap()
+}
 
-    // A planner that starts when trainer and generators are gone has the newest weights all the same.
-    for node in generators.into_iter().chain([trainer]) {
-        assert!(node.stop().success());
-    }
-    let newest = std::fs::read(train.join("weights.safetensors")).unwrap();
-    let newest = Network::load(&newest).unwrap();
-    let late = start(&["plan", "--vehicle", "late"]);
-    let mut late_vehicle = Surroundings::of(&session, "late").await;
-    let mut plan = late_vehicle.next_plan().await;
+/// Checks that a planner plans with given weights at once, without any publisher of them.
+async fn plan_late(session: &Session, weights: &Path, at_least: u64) {
+    let network = Network::load(&std::fs::read(weights).unwrap()).unwrap();
+    let mut vehicle = Surroundings::of(session, "late").await;
+    let mut plan = vehicle.next_plan().await;
     while plan.weights_version == 0 {
-        plan = late_vehicle.next_plan().await;
+        plan = vehicle.next_plan().await;
     }
-    assert!(plan.weights_version >= *checked.keys().next_back().unwrap());
-    assert_eq!(steps_of(&plan), late_vehicle.steps_with(&newest));
+    assert!(plan.weights_version >= at_least);
+    assert_eq!(steps_of(&plan), vehicle.steps_with(&network));
+}
 
-    for node in [late, planner, recorder] {
-        assert!(node.stop().success());
-    }
-    let mut topics = BTreeMap::new();
-    for message in Reader::open(&recording).unwrap() {
-        *topics
-            .entry(message.unwrap().topic.to_string())
-            .or_insert(0) += 1;
-    }
+fn holds_everything(recording: &Path) {
+    let messages = Reader::open(recording).unwrap();
+    let topics: BTreeSet<String> = messages
+        .map(|message| message.unwrap().topic.to_string())
+        .collect();
     for topic in [
         "/swath/sample/a",
         "/swath/sample/b",
@@ -249,9 +223,45 @@ async fn all_together(folder: &Path) {
         "/swath/vehicle/late/plan",
         "/swath/vehicle/v0/path",
     ] {
-        assert!(topics.contains_key(topic), "{topic} is not in {topics:?}");
+        assert!(topics.contains(topic), "{topic} is not in {topics:?}");
     }
-    assert!(train.join("weights.safetensors").exists());
+}
+
+async fn all_together(folder: &Path) {
+    let namespace = format!("test-{}", std::process::id());
+    let (recording, train) = (folder.join("run.mcap"), folder.join("train"));
+    std::fs::write(folder.join(CONFIG_FILE), CONFIG).unwrap();
+    let start = |arguments: &[&str]| Node::start(folder, &namespace, arguments);
+    let config = SessionConfig {
+        namespace: Some(namespace.clone()),
+        ..SessionConfig::default()
+    };
+    let session = Session::open(&config).await.unwrap();
+    let mut published = session.subscriber(&keys::weights("*"), 64).await.unwrap();
+    let mut vehicle = Surroundings::of(&session, "v0").await;
+
+    let recorder = start(&["bridge", "record", "--out", recording.to_str().unwrap()]);
+    let trainer = start(
+        &[
+            &["train", "--out", train.to_str().unwrap()][..],
+            &TRAINING[..],
+        ]
+        .concat(),
+    );
+    let planner = start(&["plan", "--time-limit-ms", "0"]);
+    let generators = ["a", "b"].map(|id| start(&["generate", "--id", id, "--workers", "1"]));
+
+    hear_two_generators(&session).await;
+    let newest = follow_three_versions(&mut vehicle, &mut published).await;
+    for node in generators.into_iter().chain([trainer]) {
+        assert!(node.stop().success());
+    }
+    let late = start(&["plan", "--vehicle", "late", "--time-limit-ms", "0"]);
+    plan_late(&session, &train.join("weights.safetensors"), newest).await;
+    for node in [late, planner, recorder] {
+        assert!(node.stop().success());
+    }
+    holds_everything(&recording);
 }
 
 #[test]

@@ -4,6 +4,7 @@ use std::marker::PhantomData;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
+use zenoh::Wait as _;
 use zenoh::query::{ConsolidationMode, QueryTarget};
 use zenoh::sample::{Sample, SampleKind};
 use zenoh_ext::{AdvancedSubscriber, AdvancedSubscriberBuilderExt, HistoryConfig, RecoveryConfig};
@@ -11,10 +12,11 @@ use zenoh_ext::{AdvancedSubscriber, AdvancedSubscriberBuilderExt, HistoryConfig,
 use crate::Error;
 use crate::cdr;
 use crate::clock;
-use crate::keys::{Qos, Topic};
+use crate::keys::{self, Qos, Topic};
 use crate::msg::Message;
 use crate::queue::{Arrived, Inbox, Overflow, Queue};
 use crate::session::{Session, network};
+use crate::weights_store::STORE_KIND;
 
 /// Of messages that do not decode, the first few and then every so manieth are logged.
 const LOGGED_FIRST: u64 = 3;
@@ -51,6 +53,7 @@ pub struct Counts {
 pub struct Subscriber<M> {
     queue: Arc<Queue>,
     _declared: RawSubscriber,
+    _stores: Option<zenoh::pubsub::Subscriber<()>>,
     undecodable: AtomicU64,
     message: PhantomData<fn() -> M>,
 }
@@ -73,31 +76,40 @@ impl Session {
         let inbox: Arc<dyn Inbox> = Arc::<Queue>::clone(&queue);
         let asking = Arc::clone(&inbox);
         let declared = self.raw_subscriber(topic.key(), topic.qos(), inbox).await?;
-        if topic.qos() == Qos::Durable {
-            self.ask_stores(topic.key(), asking).await?;
-        }
+        let stores = match topic.qos() {
+            Qos::Durable => Some(self.watch_stores(topic.key(), asking).await?),
+            _ => None,
+        };
         Ok(Subscriber {
             queue,
             _declared: declared,
+            _stores: stores,
             undecodable: AtomicU64::new(0),
             message: PhantomData,
         })
     }
 
-    /// Asks for what is stored; the answers arrive like messages.
-    async fn ask_stores(&self, key: &str, inbox: Arc<dyn Inbox>) -> Result<(), Error> {
-        let asked = self
+    /// Asks for what is stored whenever a store comes in sight, those that are there already
+    /// included; the answers arrive like messages. Asking once, at the beginning, would miss a store
+    /// that this session is not connected to yet.
+    async fn watch_stores(
+        &self,
+        key: &str,
+        inbox: Arc<dyn Inbox>,
+    ) -> Result<zenoh::pubsub::Subscriber<()>, Error> {
+        let (session, asked) = (self.zenoh.clone(), key.to_owned());
+        let watched = self
             .zenoh
-            .get(key.to_owned())
-            .target(QueryTarget::All)
-            .consolidation(ConsolidationMode::None)
-            .callback(move |reply| {
-                if let Ok(sample) = reply.result() {
-                    hand_over(sample, &*inbox);
+            .liveliness()
+            .declare_subscriber(keys::node(STORE_KIND, "*"))
+            .history(true)
+            .callback(move |token| {
+                if token.kind() == SampleKind::Put {
+                    ask_stores(&session, &asked, &inbox);
                 }
             })
             .await;
-        asked.map_err(|error| network(&format!("{key}: no query"), error))
+        watched.map_err(|error| network(&format!("{key}: stores cannot be watched"), error))
     }
 
     pub(crate) async fn raw_subscriber(
@@ -147,6 +159,24 @@ async fn count_misses(
         .background()
         .await?;
     Ok(Declared::Advanced(subscriber))
+}
+
+/// Sends a query whose answers go to the inbox.
+fn ask_stores(session: &zenoh::Session, key: &str, inbox: &Arc<dyn Inbox>) {
+    let inbox = Arc::clone(inbox);
+    let sent = session
+        .get(key.to_owned())
+        .target(QueryTarget::All)
+        .consolidation(ConsolidationMode::None)
+        .callback(move |reply| {
+            if let Ok(sample) = reply.result() {
+                hand_over(sample, &*inbox);
+            }
+        })
+        .wait();
+    if let Err(error) = sent {
+        tracing::warn!("{key}: stores were not asked: {error}");
+    }
 }
 
 /// Runs on zenoh's threads: nothing here waits or decodes.

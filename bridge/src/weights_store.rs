@@ -20,6 +20,7 @@ use crate::atomic_file::{self, Access};
 use crate::cdr;
 use crate::clock;
 use crate::keys;
+use crate::liveliness::NodeToken;
 use crate::msg::swath::Weights;
 use crate::session::{Session, network};
 use crate::signature::{self, MOST_WEIGHTS_BYTES, VerifyingKey};
@@ -37,6 +38,8 @@ const MOST_QUERIES: usize = 64;
 const MOST_WAITING: usize = 16;
 /// How long a query waits for answers.
 const PATIENCE: Duration = Duration::from_secs(2);
+/// What a store is among nodes. Its token tells subscribers that there is one to ask.
+pub(crate) const STORE_KIND: &str = "store";
 /// Ending of the files.
 const EXTENSION: &str = "weights";
 
@@ -51,6 +54,7 @@ fn age(weights: &Weights) -> Age {
 #[derive(Debug)]
 pub struct WeightsStore {
     _queryable: Queryable<()>,
+    _token: NodeToken,
     task: JoinHandle<()>,
 }
 
@@ -87,8 +91,13 @@ impl WeightsStore {
             })
             .await
             .map_err(|error| network("stored weights cannot be offered", error))?;
+        // Declared last, so that who sees it finds the queryable.
+        let token = session
+            .declare_node(STORE_KIND, &session.zenoh.zid().to_string())
+            .await?;
         Ok(Self {
             _queryable: queryable,
+            _token: token,
             task: tokio::spawn(serve(shelf, subscriber, queries)),
         })
     }

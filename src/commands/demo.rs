@@ -79,10 +79,7 @@ fn node_arguments(options: &DemoOptions, recording: &Path) -> Vec<(String, Vec<S
         nodes.push((id, arguments));
     }
     let train = options.out.join("train").display().to_string();
-    nodes.push((
-        "planner".to_owned(),
-        words(&["plan", "--time-limit-ms", "200"]),
-    ));
+    nodes.push(("planner".to_owned(), words(&["plan"])));
     nodes.push((
         "trainer".to_owned(),
         words(&[

@@ -12,6 +12,9 @@ use crate::output::Failure;
 use crate::progress;
 use crate::runtime::{stop_signal, with_session};
 
+/// Most time for one target's search when nobody says: a live grid is soon out of date.
+const TIME_LIMIT_MS: u64 = 100;
+
 /// Plans on live grids until stopped.
 pub(super) fn run(
     options: &PlanOptions,
@@ -52,7 +55,11 @@ pub(super) fn run(
 fn node_config(options: &PlanOptions, config: &Config) -> NodeConfig {
     let mut plan = config.plan;
     plan.speed_m_per_s = options.speed.unwrap_or(plan.speed_m_per_s);
-    plan.time_limit_ms = options.time_limit_ms.unwrap_or(plan.time_limit_ms);
+    plan.time_limit_ms = match (options.time_limit_ms, plan.time_limit_ms) {
+        (Some(limit_ms), _) => limit_ms,
+        (None, 0) => TIME_LIMIT_MS,
+        (None, limit_ms) => limit_ms,
+    };
     NodeConfig {
         vehicle_id: options.vehicle.clone(),
         vehicle: config.vehicle,
