@@ -1,9 +1,12 @@
 //! The command line.
 
+use std::convert::Infallible;
 use std::path::PathBuf;
+use std::str::FromStr;
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use swath_planner::Method;
+use swath_planner::network::Architecture;
 
 /// Learns the strip of ground a path will take, and plans through it.
 ///
@@ -126,6 +129,55 @@ pub(crate) enum Size {
     Half,
 }
 
+/// A recording and how often an epoch shows it.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(crate) struct Shown {
+    pub(crate) path: PathBuf,
+    pub(crate) times: usize,
+}
+
+impl FromStr for Shown {
+    type Err = Infallible;
+
+    fn from_str(text: &str) -> Result<Self, Infallible> {
+        let split = text.rsplit_once(':');
+        let times = split.and_then(|(path, times)| Some((path, times.parse::<u8>().ok()?)));
+        let (path, times) = times.unwrap_or((text, 1));
+        Ok(Self {
+            path: path.into(),
+            times: usize::from(times),
+        })
+    }
+}
+
+/// Samples that are set aside from the first recording.
+#[derive(Debug, Args)]
+pub(crate) struct AsideOptions {
+    /// Set so many samples of the first recording aside, and test on them; the same ones for the
+    /// same seed [default in training without --validation: a tenth]
+    #[arg(long, value_name = "N")]
+    pub(crate) aside: Option<usize>,
+    /// Set aside any samples, as the paper did, or whole scenes
+    #[arg(long, value_enum, default_value_t = SplitBy::Scene)]
+    pub(crate) split: SplitBy,
+    /// Seed of initial weights, of shuffles and of what is set aside
+    #[arg(long, default_value_t = 1)]
+    pub(crate) seed: u64,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub(crate) enum SplitBy {
+    Random,
+    Scene,
+}
+
+fn architecture(name: &str) -> Result<Architecture, String> {
+    Architecture::from_name(name).ok_or_else(|| {
+        let known = Architecture::ALL.map(Architecture::name).join(" or ");
+        format!("expected {known}")
+    })
+}
+
 /// Train a network: on recordings, or as a node on the live stream of samples.
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:
@@ -133,27 +185,36 @@ pub(crate) enum Size {
   swath train --data samples.mcap --out runs/first --resume
   swath train --out runs/live                a node: trains on what generators publish")]
 pub(crate) struct TrainOptions {
-    /// Recording of samples; may be given again; without it this is a node
-    #[arg(long, value_name = "FILE")]
-    pub(crate) data: Vec<PathBuf>,
-    /// Recording of samples to validate on [default: a share of the data]
+    /// Recording of samples, shown once or TIMES times an epoch; may be given again; without it this
+    /// is a node
+    #[arg(long, value_name = "FILE[:TIMES]")]
+    pub(crate) data: Vec<Shown>,
+    /// Recording of samples to validate on
     #[arg(long, value_name = "FILE")]
     pub(crate) validation: Option<PathBuf>,
+    #[command(flatten)]
+    pub(crate) aside: AsideOptions,
+    /// Steps from one scoring to the next, beside those after each epoch; 0 for none
+    #[arg(long, value_name = "STEPS")]
+    pub(crate) score_every: Option<u64>,
+    /// End after so many scorings without a better one; 0 for never
+    #[arg(long, value_name = "SCORINGS")]
+    pub(crate) patience: Option<u64>,
     /// Passes over the data
     #[arg(long)]
     pub(crate) epochs: Option<u64>,
     /// Samples a step
     #[arg(long)]
     pub(crate) batch: Option<usize>,
+    /// Network: the paper's, or one that shares the work on a map between targets
+    #[arg(long, value_parser = architecture, value_name = "enet|enet-shared")]
+    pub(crate) architecture: Option<Architecture>,
     /// Resolution at which the network sees the grid
     #[arg(long, value_enum)]
     pub(crate) size: Option<Size>,
     /// Base learning rate
     #[arg(long, value_name = "RATE")]
     pub(crate) learning_rate: Option<f64>,
-    /// Seed of initial weights and shuffles
-    #[arg(long, default_value_t = 1)]
-    pub(crate) seed: u64,
     /// Go on from the newest checkpoint in the output directory
     #[arg(long)]
     pub(crate) resume: bool,
@@ -176,6 +237,8 @@ pub(crate) struct EvaluateOptions {
     /// Recording of samples; may be given again
     #[arg(long, required = true, value_name = "FILE")]
     pub(crate) data: Vec<PathBuf>,
+    #[command(flatten)]
+    pub(crate) aside: AsideOptions,
     /// Weights to evaluate
     #[arg(long, value_name = "FILE")]
     pub(crate) weights: PathBuf,

@@ -7,22 +7,25 @@ use std::time::Duration;
 
 use candle_core::{DType, Device, Tensor};
 use criterion::{BenchmarkId, Criterion, criterion_group, criterion_main};
+use swath_bridge::Pose2;
 use swath_planner::Plane;
 use swath_planner::network::{
-    Dropout, INPUT_PLANES, InputSize, Network, NetworkInfo, Parameters, Reference, Training,
+    Architecture, Dropout, INPUT_PLANES, InputSize, Network, NetworkInfo, Parameters, Reference,
+    Surroundings, Training,
 };
 
 const SIZES: [InputSize; 2] = [InputSize::Half, InputSize::Full];
 
-fn info(size: InputSize) -> NetworkInfo {
+fn info(architecture: Architecture, size: InputSize) -> NetworkInfo {
     NetworkInfo {
+        architecture,
         size,
         ..NetworkInfo::default()
     }
 }
 
 fn plane(info: &NetworkInfo) -> Plane {
-    let mut plane = Plane::empty(info.rows, info.cols);
+    let mut plane = Plane::empty(info.spec.rows, info.spec.cols);
     (0..plane.len())
         .step_by(13)
         .for_each(|index| plane.set_index(index));
@@ -34,26 +37,40 @@ fn predictions(criterion: &mut Criterion) {
     group
         .sample_size(10)
         .measurement_time(Duration::from_secs(3));
-    for size in SIZES {
-        let info = info(size);
-        let network = Network::new(info.clone(), &Parameters::initial(1));
+    for (architecture, size) in variants() {
+        let info = info(architecture, size);
+        let name = format!("{}_{}", architecture.name(), size.name());
+        let network = Network::new(info.clone(), &Parameters::initial(architecture, 1));
         let plane = plane(&info);
+        let surroundings = Surroundings {
+            obstacles: &plane,
+            reference: &plane,
+            speed_m_per_s: 1.4,
+        };
         for count in [1, 10, 50] {
-            let targets = vec![plane.clone(); count];
-            group.bench_function(BenchmarkId::new(size.name(), count), |bencher| {
-                bencher.iter(|| black_box(network.predict(&plane, &plane, &targets)));
+            let goals = vec![Pose2::new(30.0, 3.0, 0.1); count];
+            group.bench_function(BenchmarkId::new(&name, count), |bencher| {
+                bencher.iter(|| black_box(network.predict(&surroundings, &goals)));
             });
         }
-        let (rows, cols) = info.encoding().input_size();
-        let reference = Reference::new(&Parameters::initial(1), &Device::Cpu, DType::F32);
-        let input = Tensor::ones((1, INPUT_PLANES, rows, cols), DType::F32, &Device::Cpu);
-        if let (Ok(reference), Ok(input)) = (reference, input) {
-            group.bench_function(BenchmarkId::new(size.name(), "candle_1"), |bencher| {
-                bencher.iter(|| black_box(reference.forward(&input, false)));
-            });
+        if architecture == Architecture::Enet {
+            let (rows, cols) = info.encoding().input_size();
+            let parameters = Parameters::initial(architecture, 1);
+            let reference = Reference::new(&parameters, &Device::Cpu, DType::F32);
+            let input = Tensor::ones((1, INPUT_PLANES, rows, cols), DType::F32, &Device::Cpu);
+            if let (Ok(reference), Ok(input)) = (reference, input) {
+                group.bench_function(BenchmarkId::new(&name, "candle_1"), |bencher| {
+                    bencher.iter(|| black_box(reference.forward(&input, None, false)));
+                });
+            }
         }
     }
     group.finish();
+}
+
+fn variants() -> impl Iterator<Item = (Architecture, InputSize)> {
+    let architectures = Architecture::ALL.into_iter();
+    architectures.flat_map(|architecture| SIZES.map(|size| (architecture, size)))
 }
 
 fn training_steps(criterion: &mut Criterion) {
@@ -61,18 +78,19 @@ fn training_steps(criterion: &mut Criterion) {
     group
         .sample_size(10)
         .measurement_time(Duration::from_secs(5));
-    let parameters = Parameters::initial(1);
-    for size in SIZES {
-        let (rows, cols) = info(size).encoding().input_size();
-        let Some(mut training) = Training::new(rows, cols) else {
+    for (architecture, size) in variants() {
+        let parameters = Parameters::initial(architecture, 1);
+        let input_size = info(architecture, size).encoding().input_size();
+        let Some(mut training) = Training::new(architecture, input_size) else {
             continue;
         };
+        let name = format!("{}_{}", architecture.name(), size.name());
         let mut gradient = vec![0.0; parameters.values().len()];
         for batch in [8, 16] {
             let input = vec![0.5; batch * training.input_len()];
             let slope = vec![1e-6; batch * training.output_len()];
             let dropout = Some(Dropout { seed: 1, pass: 1 });
-            group.bench_function(BenchmarkId::new(size.name(), batch), |bencher| {
+            group.bench_function(BenchmarkId::new(&name, batch), |bencher| {
                 bencher.iter(|| {
                     training.forward(&parameters, &input, dropout);
                     training.backward(&parameters, &slope, &mut gradient);

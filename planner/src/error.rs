@@ -1,5 +1,7 @@
 //! What can go wrong in planning, apart from there being no path, which is an outcome.
 
+use swath_bridge::GridSpec;
+
 /// Errors of this crate, each with the evidence.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
@@ -52,6 +54,18 @@ pub enum Error {
         /// Side of the model's cells.
         model_m: f64,
     },
+    /// The network was trained on another grid.
+    #[error(
+        "the grid is {}, but the network is for {}",
+        grid_text(got),
+        grid_text(wanted)
+    )]
+    GridMismatch {
+        /// The grid.
+        got: GridSpec,
+        /// The network's.
+        wanted: GridSpec,
+    },
     /// A region's weight is out of range.
     #[error("a region's weight is {weight}, expected more than 0 and at most 1")]
     RegionWeight {
@@ -75,4 +89,11 @@ pub enum Error {
     /// Error of the bridge.
     #[error(transparent)]
     Bridge(#[from] swath_bridge::Error),
+}
+
+fn grid_text(spec: &GridSpec) -> String {
+    format!(
+        "{} x {} cells of {} m with the vehicle at ({}, {})",
+        spec.rows, spec.cols, spec.resolution_m, spec.ego_row, spec.ego_col
+    )
 }

@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 use swath_bridge::{GridSpec, Occupancy, Pose2};
 
 use crate::collision::CollisionMap;
-use crate::network::Network;
+use crate::network::{Network, Surroundings};
 use crate::plan::{PlanConfig, Planner, TargetPlan};
 use crate::timing::CpuTimer;
 use crate::{Error, MotionModel, Plane};
@@ -97,7 +97,9 @@ impl FramePlanner {
     ) -> Result<FramePlan, Error> {
         let cpu = CpuTimer::of_process();
         let started = Instant::now();
-        let regions = network.map(|network| predict(input, network)).transpose()?;
+        let regions = network
+            .map(|network| predict(input, network, config.speed_m_per_s))
+            .transpose()?;
         let network_time = started.elapsed();
         let map = CollisionMap::new(Arc::clone(&self.model), input.spec, input.obstacles)?;
         let targets = self
@@ -120,24 +122,24 @@ impl FramePlanner {
 }
 
 /// The region to each goal (the paper's Algorithm 2, lines 2 to 9).
-fn predict(input: &FrameInput<'_>, network: &Network) -> Result<Vec<Plane>, Error> {
+fn predict(
+    input: &FrameInput<'_>,
+    network: &Network,
+    speed_m_per_s: f64,
+) -> Result<Vec<Plane>, Error> {
     let info = network.info();
-    if (info.resolution_m - input.spec.resolution_m).abs() > 1e-9 {
-        return Err(Error::ResolutionMismatch {
-            grid_m: input.spec.resolution_m,
-            model_m: info.resolution_m,
+    if info.spec != input.spec {
+        return Err(Error::GridMismatch {
+            got: input.spec,
+            wanted: info.spec,
         });
     }
-    let drawn = |poses: &[Pose2], radius_m: f64| {
-        let mut plane = Plane::empty(input.spec.rows, input.spec.cols);
-        plane.draw_line(&input.spec, poses, radius_m);
-        plane
+    let mut reference = Plane::empty(input.spec.rows, input.spec.cols);
+    reference.draw_line(&input.spec, input.reference, info.reference_dilation_m);
+    let surroundings = Surroundings {
+        obstacles: input.obstacles,
+        reference: &reference,
+        speed_m_per_s,
     };
-    let reference = drawn(input.reference, info.reference_dilation_m);
-    let targets: Vec<Plane> = input
-        .goals
-        .iter()
-        .map(|goal| drawn(std::slice::from_ref(goal), info.target_dilation_m))
-        .collect();
-    network.predict(input.obstacles, &reference, &targets)
+    network.predict(&surroundings, input.goals)
 }

@@ -3,6 +3,7 @@
 
 mod action;
 mod collision;
+pub mod dubins;
 mod error;
 mod frame;
 mod kernel;

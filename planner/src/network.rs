@@ -1,9 +1,11 @@
-//! The network that predicts the region of a path: ENet as the paper has it.
+//! The network that predicts the region of a path: ENet as the paper has it, and one that shares the
+//! work on a map between its goals.
 //!
-//! One description of the network (`graph`) is run by two implementations: a fast one for the CPU
+//! One description of each network (`graph`) is run by two implementations: a fast one for the CPU
 //! with its own training pass (`engine`) and a plain one on candle (`reference`).
 
 mod engine;
+mod goal_features;
 mod graph;
 mod input;
 mod parameters;
@@ -11,8 +13,8 @@ mod predictor;
 mod reference;
 
 pub use engine::{Dropout, Isa, Training};
-pub use graph::{INPUT_PLANES, PARAMETER_COUNT, SIDE_MULTIPLE};
-pub use input::{Encoding, InputSize};
+pub use graph::{Architecture, INPUT_PLANES, PARAMETER_COUNT, SIDE_MULTIPLE};
+pub use input::{Encoding, InputSize, Surroundings};
 pub use parameters::{MAX_WEIGHTS_BYTES, Parameters};
-pub use predictor::{ARCHITECTURE, Network, NetworkInfo};
+pub use predictor::{Network, NetworkInfo};
 pub use reference::Reference;

@@ -139,36 +139,8 @@ impl Plane {
         }
     }
 
-    fn draw_segment(&mut self, spec: &GridSpec, (from, to): (&Pose2, &Pose2), radius_m: f64) {
-        if !(from.is_finite() && to.is_finite()) {
-            return;
-        }
-        let far = spec.cell_at(
-            from.x_m.max(to.x_m) + radius_m,
-            from.y_m.max(to.y_m) + radius_m,
-        );
-        let near = spec.cell_at(
-            from.x_m.min(to.x_m) - radius_m,
-            from.y_m.min(to.y_m) - radius_m,
-        );
-        let (along_x, along_y) = (to.x_m - from.x_m, to.y_m - from.y_m);
-        let length_squared = along_x * along_x + along_y * along_y;
-        let last = spec.cell_of_index(spec.len() - 1);
-        for row in far.row.max(0)..=near.row.min(last.row) {
-            for col in far.col.max(0)..=near.col.min(last.col) {
-                let (x_m, y_m) = spec.centre_of(Cell::new(row, col));
-                let (dx, dy) = (x_m - from.x_m, y_m - from.y_m);
-                let share = if length_squared > 0.0 {
-                    ((dx * along_x + dy * along_y) / length_squared).clamp(0.0, 1.0)
-                } else {
-                    0.0
-                };
-                let (off_x, off_y) = (dx - share * along_x, dy - share * along_y);
-                if off_x * off_x + off_y * off_y <= radius_m * radius_m {
-                    self.set(Cell::new(row, col));
-                }
-            }
-        }
+    fn draw_segment(&mut self, spec: &GridSpec, segment: (&Pose2, &Pose2), radius_m: f64) {
+        each_cell_near(spec, segment, radius_m, |cell| self.set(cell));
     }
 
     #[expect(clippy::cast_sign_loss, reason = "negative numbers are excluded first")]
@@ -179,6 +151,44 @@ impl Plane {
         let (row, col) = (cell.row as u32, cell.col as u32);
         (row < self.rows && col < self.cols)
             .then(|| row as usize * self.cols as usize + col as usize)
+    }
+}
+
+/// Calls `mark` with every cell of a grid whose centre lies within `radius_m` of a segment.
+pub(crate) fn each_cell_near(
+    spec: &GridSpec,
+    (from, to): (&Pose2, &Pose2),
+    radius_m: f64,
+    mut mark: impl FnMut(Cell),
+) {
+    if !(from.is_finite() && to.is_finite()) {
+        return;
+    }
+    let far = spec.cell_at(
+        from.x_m.max(to.x_m) + radius_m,
+        from.y_m.max(to.y_m) + radius_m,
+    );
+    let near = spec.cell_at(
+        from.x_m.min(to.x_m) - radius_m,
+        from.y_m.min(to.y_m) - radius_m,
+    );
+    let (along_x, along_y) = (to.x_m - from.x_m, to.y_m - from.y_m);
+    let length_squared = along_x * along_x + along_y * along_y;
+    let last = spec.cell_of_index(spec.len() - 1);
+    for row in far.row.max(0)..=near.row.min(last.row) {
+        for col in far.col.max(0)..=near.col.min(last.col) {
+            let (x_m, y_m) = spec.centre_of(Cell::new(row, col));
+            let (dx, dy) = (x_m - from.x_m, y_m - from.y_m);
+            let share = if length_squared > 0.0 {
+                ((dx * along_x + dy * along_y) / length_squared).clamp(0.0, 1.0)
+            } else {
+                0.0
+            };
+            let (off_x, off_y) = (dx - share * along_x, dy - share * along_y);
+            if off_x * off_x + off_y * off_y <= radius_m * radius_m {
+                mark(Cell::new(row, col));
+            }
+        }
     }
 }
 

@@ -146,7 +146,7 @@ impl World {
 
 fn weights(version: u64) -> Weights {
     let info = NetworkInfo::default();
-    let safetensors = Network::save(&info, &Parameters::initial(version));
+    let safetensors = Network::save(&info, &Parameters::initial(info.architecture, version));
     let mut weights = Weights {
         header: Header::at(version * 1000, ""),
         run: "test".to_owned(),

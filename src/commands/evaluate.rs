@@ -10,7 +10,7 @@ use swath_bridge::{clock, keys};
 use swath_trainer::{DISTANCE_GROUPS_M, Predictor, Report, evaluate};
 
 use super::plan::load_network;
-use super::train::open;
+use super::train::{open, set_aside};
 use crate::cli::EvaluateOptions;
 use crate::config::Config;
 use crate::output::{self, Failure};
@@ -21,7 +21,10 @@ const RUN: &str = "file";
 /// Runs the command.
 pub(crate) fn run(options: &EvaluateOptions, config: &Config) -> Result<(), Failure> {
     let network = load_network(&options.weights)?;
-    let examples = open(&options.data)?.solved;
+    let mut examples = open(&options.data)?.solved;
+    if let Some(count) = options.aside.aside {
+        examples = set_aside(examples, &options.aside, count).1;
+    }
     let info = network.info();
     let dilation_m = options.dilation_m.unwrap_or(info.label_dilation_m);
     let predictors = [

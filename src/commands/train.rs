@@ -1,18 +1,20 @@
 //! `swath train`: on recordings, or as a node.
 
+use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Instant;
 
 use anyhow::Context;
 use indicatif::ProgressBar;
 use swath_planner::network::InputSize;
 use swath_trainer::{
-    CHECKPOINT_FILE, Checkpoint, Dataset, EpochReport, Learner, Observer, Recorded, Run, Source,
-    Split, StepReport, TrainConfig, network_info, split,
+    CHECKPOINT_FILE, Checkpoint, Dataset, Example, Learner, Observer, Recorded, Run, ScoreReport,
+    Source, Split, StepReport, TrainConfig, Validation, network_info, split,
 };
 
-use crate::cli::{NetworkOptions, Size, TrainOptions};
+use crate::cli::{AsideOptions, NetworkOptions, Size, SplitBy, TrainOptions};
 use crate::config::Config;
 use crate::output::{self, Failure};
 use crate::progress;
@@ -39,13 +41,16 @@ pub(crate) fn run(
 
 fn train_config(options: &TrainOptions, config: &Config) -> anyhow::Result<TrainConfig> {
     let mut train = config.train.clone();
-    train.seed = options.seed;
+    train.seed = options.aside.seed;
+    train.score_every_steps = options.score_every.unwrap_or(train.score_every_steps);
+    train.patience = options.patience.unwrap_or(train.patience);
     train.epochs = options.epochs.unwrap_or(train.epochs);
     if let Some(batch) = options.batch {
         train.batch = batch;
         train.micro_batch = train.micro_batch.min(batch);
     }
     train.base_rate = options.learning_rate.unwrap_or(train.base_rate);
+    train.architecture = options.architecture.unwrap_or(train.architecture);
     train.size = match options.size {
         Some(Size::Full) => InputSize::Full,
         Some(Size::Half) => InputSize::Half,
@@ -60,15 +65,10 @@ fn on_recordings(
     config: &Config,
     train: &TrainConfig,
 ) -> Result<(), Failure> {
-    let data = open(&options.data)?;
-    let (examples, validation) = if let Some(path) = &options.validation {
-        (data.solved, open(std::slice::from_ref(path))?.solved)
-    } else {
-        let aside = data.solved.len() / ASIDE_EVERY;
-        split(data.solved, Split::Scene, aside, train.seed)
-    };
-    let first = examples
-        .first()
+    let (groups, validation) = samples(options)?;
+    let first = groups
+        .iter()
+        .find_map(|(examples, _)| examples.first())
         .context("no samples are left to train on: give more --data")?;
     let info = network_info(train, &first.spec, &config.vehicle);
     let mut learner = match checkpoint(options)? {
@@ -76,16 +76,25 @@ fn on_recordings(
         None => Learner::new(train.clone(), info)?,
     };
     output::line(format_args!(
-        "{} samples to train on, {} to validate on, from step {}",
-        examples.len(),
-        validation.len(),
+        "{} to train on, {} to validate on, from step {}",
+        listed(
+            groups
+                .iter()
+                .map(|(examples, times)| (examples.len(), format!("x {times}")))
+        ),
+        listed(
+            validation
+                .iter()
+                .map(|set| (set.examples.len(), set.name.clone()))
+        ),
         learner.progress().step
     ))?;
-    let mut source = Recorded::new(examples, train.seed, train.mirror);
+    let mut source = Recorded::mixed(groups, train.seed, train.mirror);
     let steps = source.steps_per_epoch(train.batch) * train.epochs;
     let mut watcher = Watcher {
         bar: progress::bar(steps, "training"),
         stop: stop_flag()?,
+        began: Instant::now(),
     };
     let run = Run {
         source: &mut source,
@@ -101,6 +110,63 @@ fn on_recordings(
         output::line(format_args!("stopped; go on with --resume --out {out}"))?;
     }
     Ok(())
+}
+
+fn listed(counts: impl Iterator<Item = (usize, String)>) -> String {
+    let counts: Vec<String> = counts
+        .map(|(count, what)| format!("{count} samples ({what})"))
+        .collect();
+    if counts.is_empty() {
+        "none".to_owned()
+    } else {
+        counts.join(" and ")
+    }
+}
+
+/// Samples and how often an epoch shows them.
+type Groups = Vec<(Vec<Example>, usize)>;
+
+/// What is trained on, and what is validated on: the recording for that first.
+fn samples(options: &TrainOptions) -> anyhow::Result<(Groups, Vec<Validation>)> {
+    let mut groups = Vec::new();
+    let mut validation = Vec::new();
+    if let Some(path) = &options.validation {
+        validation.push(Validation {
+            name: "validation".to_owned(),
+            examples: open(std::slice::from_ref(path))?.solved,
+        });
+    }
+    for (index, shown) in options.data.iter().enumerate() {
+        let mut examples = open(std::slice::from_ref(&shown.path))?.solved;
+        let aside = match options.aside.aside {
+            Some(count) => count,
+            None if validation.is_empty() => examples.len() / ASIDE_EVERY,
+            None => 0,
+        };
+        if index == 0 && aside > 0 {
+            let (rest, chosen) = set_aside(examples, &options.aside, aside);
+            examples = rest;
+            validation.push(Validation {
+                name: "set aside".to_owned(),
+                examples: chosen,
+            });
+        }
+        groups.push((examples, shown.times));
+    }
+    Ok((groups, validation))
+}
+
+/// Sets `count` samples aside: the rest, and those.
+pub(crate) fn set_aside(
+    examples: Vec<Example>,
+    options: &AsideOptions,
+    count: usize,
+) -> (Vec<Example>, Vec<Example>) {
+    let by = match options.split {
+        SplitBy::Random => Split::Random,
+        SplitBy::Scene => Split::Scene,
+    };
+    split(examples, by, count, options.seed)
 }
 
 /// Reads samples and says what could not be used.
@@ -139,6 +205,7 @@ fn checkpoint(options: &TrainOptions) -> anyhow::Result<Option<(Checkpoint, Path
 struct Watcher {
     bar: ProgressBar,
     stop: Arc<AtomicBool>,
+    began: Instant,
 }
 
 impl Observer for Watcher {
@@ -147,23 +214,22 @@ impl Observer for Watcher {
         self.bar.set_message(format!("loss {:.3}", report.loss));
     }
 
-    fn epoch_ended(&mut self, report: &EpochReport) {
-        let scores = report
-            .validation
-            .as_ref()
-            .map_or_else(String::new, |validation| {
-                let total = &validation.scores.total;
-                format!(
-                    ", mIoU {:.4}, path IoU {:.4}",
-                    total.miou(),
-                    total.iou_path()
-                )
-            });
+    fn scored(&mut self, report: &ScoreReport) {
+        let mut scores = String::new();
+        for (name, validation) in &report.validation {
+            let total = &validation.scores.total;
+            let (miou, path, joined) = (total.miou(), total.iou_path(), total.joined_share());
+            let _ = write!(
+                scores,
+                "; {name}: mIoU {miou:.4}, path IoU {path:.4}, joined {joined:.3}"
+            );
+        }
+        let minutes = self.began.elapsed().as_secs_f64() / 60.0;
         self.bar.suspend(|| {
             // Without anybody to read it, training goes on all the same.
             let _ = output::line(format_args!(
-                "epoch {:>3}: loss {:.4}{scores}",
-                report.epoch, report.loss
+                "step {:>6}, epoch {:>3}, {minutes:.1} min: loss {:.4}{scores}",
+                report.step, report.epoch, report.loss
             ));
         });
     }

@@ -37,6 +37,8 @@ pub struct Progress {
     pub loss_steps: u64,
     /// Best mIoU on the validation samples so far.
     pub best_miou: Option<f64>,
+    /// Scorings since the best.
+    pub since_best: u64,
     /// Number of the newest published weights.
     pub version: u64,
 }
@@ -128,7 +130,7 @@ impl Checkpoint {
             return Err(wrong(format!("format {}, expected {FORMAT}", state.format)));
         }
         let mut parts = BTreeMap::new();
-        let mut parameters = Parameters::initial(0);
+        let mut parameters = Parameters::initial(state.config.architecture, 0);
         let (values, running) = (parameters.values().len(), parameters.running().len());
         for (name, len) in [
             ("values", values),
@@ -208,7 +210,7 @@ mod tests {
     use super::*;
 
     fn checkpoint() -> Checkpoint {
-        let parameters = Parameters::initial(3);
+        let parameters = Parameters::initial(TrainConfig::default().architecture, 3);
         let len = parameters.values().len();
         Checkpoint {
             config: TrainConfig::default(),
@@ -220,6 +222,7 @@ mod tests {
                 loss_sum: 0.1 + 0.2,
                 loss_steps: 3,
                 best_miou: Some(1.0 / 3.0),
+                since_best: 2,
                 version: 2,
             },
             adam: AdamState {
@@ -260,7 +263,7 @@ mod tests {
         }
         let weights = swath_planner::network::Network::save(
             &swath_planner::network::NetworkInfo::default(),
-            &Parameters::initial(1),
+            &Parameters::initial(TrainConfig::default().architecture, 1),
         );
         fs::write(&path, weights).unwrap();
         let error = Checkpoint::load(&path).unwrap_err().to_string();

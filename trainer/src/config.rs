@@ -1,7 +1,7 @@
 //! The knobs of a training run.
 
 use serde::{Deserialize, Serialize};
-use swath_planner::network::InputSize;
+use swath_planner::network::{Architecture, InputSize};
 
 use crate::Error;
 use crate::loss::LossConfig;
@@ -19,6 +19,8 @@ const MAX_EPOCHS: u64 = 1_000_000;
 pub struct TrainConfig {
     /// Seed of the initial parameters, of shuffles, mirroring and dropout.
     pub seed: u64,
+    /// Which network.
+    pub architecture: Architecture,
     /// Resolution at which the network sees the grid.
     pub size: InputSize,
     /// Passes over the data.
@@ -42,6 +44,10 @@ pub struct TrainConfig {
     pub dropout: bool,
     /// Whether every other showing of a sample is mirrored left to right.
     pub mirror: bool,
+    /// Steps from one scoring to the next, apart from those after each epoch; 0 for none.
+    pub score_every_steps: u64,
+    /// Ends a run after so many scorings without a better one; 0 for never.
+    pub patience: u64,
     /// Redraws labels with this distance from path to edge, metres; `None` takes them as they are.
     pub label_dilation_m: Option<f64>,
 }
@@ -51,6 +57,7 @@ impl Default for TrainConfig {
     fn default() -> Self {
         Self {
             seed: 1,
+            architecture: Architecture::default(),
             size: InputSize::Half,
             epochs: 20,
             batch: 16,
@@ -62,6 +69,8 @@ impl Default for TrainConfig {
             loss: LossConfig::default(),
             dropout: true,
             mirror: true,
+            score_every_steps: 0,
+            patience: 0,
             label_dilation_m: None,
         }
     }
@@ -72,6 +81,7 @@ impl TrainConfig {
     /// entropy only.
     pub fn paper() -> Self {
         Self {
+            architecture: Architecture::Enet,
             size: InputSize::Full,
             epochs: 300,
             batch: 100,

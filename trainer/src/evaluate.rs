@@ -5,11 +5,14 @@ use std::time::{Duration, Instant};
 use rayon::prelude::*;
 use swath_bridge::{Pose2, Vehicle};
 use swath_planner::Plane;
+use swath_planner::dubins::shortest_path;
 use swath_planner::network::Network;
 
-use crate::dubins::shortest_path;
 use crate::score::Scores;
 use crate::{Error, Example};
+
+/// Distance between two poses of the shortest path in the open, metres.
+const DUBINS_STEP_M: f64 = 0.2;
 
 /// Something that gives a region for an example.
 #[derive(Debug, Clone, Copy)]
@@ -32,7 +35,7 @@ impl Predictor<'_> {
     /// The name in tables and messages.
     pub const fn name(&self) -> &'static str {
         match self {
-            Self::Network(_) => swath_planner::network::ARCHITECTURE,
+            Self::Network(network) => network.info().architecture.name(),
             Self::Reference { .. } => "dilated_reference",
             Self::Dubins { .. } => "dilated_dubins",
         }
@@ -41,14 +44,14 @@ impl Predictor<'_> {
     fn region(&self, example: &Example, dilation_m: f64) -> Result<Plane, Error> {
         match self {
             Self::Network(network) => {
-                let target = std::slice::from_ref(&example.target);
-                let regions = network.predict(&example.obstacles, &example.reference, target)?;
+                let goal = std::slice::from_ref(&example.goal);
+                let regions = network.predict(&example.surroundings(), goal)?;
                 Ok(regions.into_iter().next().unwrap_or_else(|| empty(example)))
             }
             Self::Reference { already_m } => Ok(dilated(example, dilation_m - already_m)),
             Self::Dubins { vehicle } => {
                 let radius_m = vehicle.min_turning_radius_m;
-                let path = shortest_path(&Pose2::default(), &example.goal, radius_m);
+                let path = shortest_path(&Pose2::default(), &example.goal, radius_m, DUBINS_STEP_M);
                 let mut plane = empty(example);
                 plane.draw_line(&example.spec, &path, dilation_m);
                 Ok(plane)

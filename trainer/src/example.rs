@@ -3,11 +3,14 @@
 use swath_bridge::msg::swath::{PlanarPose, Sample};
 use swath_bridge::{GridSpec, Outcome, Pose2};
 use swath_planner::Plane;
+use swath_planner::network::Surroundings;
 
 use crate::Error;
 
 /// Most characters of a scene's name.
 const MAX_SCENE_CHARS: usize = 64;
+/// Highest speed, m/s.
+const MAX_SPEED_M_PER_S: f64 = 100.0;
 /// Most poses of a path.
 const MAX_PATH_POSES: usize = 10_000;
 
@@ -26,6 +29,8 @@ pub struct Example {
     pub label: Plane,
     /// Where the path is to end, in the vehicle frame.
     pub goal: Pose2,
+    /// Speed of the vehicle, m/s.
+    pub speed_m_per_s: f64,
     /// What became of the search.
     pub outcome: Outcome,
     /// The path itself.
@@ -75,6 +80,12 @@ impl Example {
         if !goal.is_finite() || !path.iter().all(Pose2::is_finite) {
             return Err("goal or path is not finite".to_owned());
         }
+        let speed_m_per_s = f64::from(sample.speed_m_per_s);
+        if !(0.0..=MAX_SPEED_M_PER_S).contains(&speed_m_per_s) {
+            return Err(format!(
+                "speed {speed_m_per_s}, expected 0 to {MAX_SPEED_M_PER_S} m/s"
+            ));
+        }
         let label = plane("label", sample.label)?;
         let solved = outcome == Outcome::Solved;
         if solved != (label.count() > 0) {
@@ -88,11 +99,21 @@ impl Example {
             target: plane("target", sample.target)?,
             label,
             goal,
+            speed_m_per_s,
             outcome,
             path,
             scene: sample.scene.chars().take(MAX_SCENE_CHARS).collect(),
             scene_id: sample.scene_id,
         })
+    }
+
+    /// What the network sees of it beside the goal.
+    pub const fn surroundings(&self) -> Surroundings<'_> {
+        Surroundings {
+            obstacles: &self.obstacles,
+            reference: &self.reference,
+            speed_m_per_s: self.speed_m_per_s,
+        }
     }
 
     /// Whether there is a path to learn.
@@ -115,7 +136,6 @@ impl Example {
     /// The same scene seen in a mirror: left and right swapped.
     #[must_use]
     pub fn mirrored(&self) -> Self {
-        let pose = |pose: &Pose2| Pose2::new(pose.x_m, -pose.y_m, -pose.yaw_rad);
         let plane = |plane: &Plane| mirrored(plane, self.spec.ego_col);
         Self {
             spec: self.spec,
@@ -123,13 +143,19 @@ impl Example {
             reference: plane(&self.reference),
             target: plane(&self.target),
             label: plane(&self.label),
-            goal: pose(&self.goal),
+            goal: mirrored_pose(&self.goal),
+            speed_m_per_s: self.speed_m_per_s,
             outcome: self.outcome,
-            path: self.path.iter().map(pose).collect(),
+            path: self.path.iter().map(mirrored_pose).collect(),
             scene: self.scene.clone(),
             scene_id: self.scene_id,
         }
     }
+}
+
+/// A pose on the other side of the vehicle.
+pub(crate) const fn mirrored_pose(pose: &Pose2) -> Pose2 {
+    Pose2::new(pose.x_m, -pose.y_m, -pose.yaw_rad)
 }
 
 /// A plane mirrored about a column; what falls off the grid is lost.

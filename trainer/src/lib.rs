@@ -4,7 +4,6 @@
 mod checkpoint;
 mod config;
 mod dataset;
-mod dubins;
 mod error;
 mod evaluate;
 mod example;
@@ -12,6 +11,7 @@ mod loss;
 pub mod node;
 mod optimiser;
 mod random;
+mod run;
 mod schedule;
 mod score;
 mod source;
@@ -21,17 +21,17 @@ mod train;
 pub use checkpoint::{Checkpoint, Progress, write_atomically};
 pub use config::TrainConfig;
 pub use dataset::{Dataset, MAX_EXAMPLES};
-pub use dubins::shortest_path;
 pub use error::Error;
 pub use evaluate::{Predictor, Report, evaluate};
 pub use example::Example;
 pub use loss::{LossConfig, loss_and_gradient};
 pub use optimiser::{Adam, AdamConfig, AdamState, Decay};
+pub use run::{
+    BEST_FILE, CHECKPOINT_FILE, Observer, Run, ScoreReport, StepReport, Summary, Unobserved,
+    Validation, WEIGHTS_FILE,
+};
 pub use schedule::Schedule;
 pub use score::{Counts, DISTANCE_GROUPS_M, Scores};
 pub use source::{Counts as StreamCounts, Live, Recorded, Replay, Shown, Source};
 pub use split::{Split, split};
-pub use train::{
-    BEST_FILE, CHECKPOINT_FILE, DEFAULT_LABEL_DILATION_M, EpochReport, Learner, Observer, Run,
-    StepReport, Summary, Unobserved, WEIGHTS_FILE, network_info, score,
-};
+pub use train::{DEFAULT_LABEL_DILATION_M, Learner, network_info, score};

@@ -18,8 +18,9 @@ use swath_planner::network::Parameters;
 use tokio::task::{JoinHandle, spawn_blocking};
 
 use crate::checkpoint::{Checkpoint, write_atomically};
+use crate::run::{CHECKPOINT_FILE, WEIGHTS_FILE};
 use crate::source::{Live, Replay, Source};
-use crate::train::{CHECKPOINT_FILE, Learner, WEIGHTS_FILE, network_info, score};
+use crate::train::{Learner, network_info, score};
 use crate::{Error, Example, Report, Schedule, TrainConfig};
 
 mod messages;

@@ -36,11 +36,14 @@ pub trait Source: std::fmt::Debug {
     fn draw(&mut self, step: u64, batch: usize) -> Vec<Shown>;
 }
 
-/// Samples that are all there from the beginning: each is shown once an epoch, in an order that
-/// depends on the seed and the epoch only, so that training can be taken up anywhere.
+/// Samples that are all there from the beginning: each is shown once an epoch, or as often as is
+/// said, in an order that depends on the seed and the epoch only, so that training can be taken up
+/// anywhere.
 #[derive(Debug)]
 pub struct Recorded {
     examples: Vec<Arc<Example>>,
+    /// The examples of an epoch, some of them several times.
+    showings: Vec<usize>,
     seed: u64,
     mirror: bool,
     epoch: u64,
@@ -50,10 +53,24 @@ pub struct Recorded {
 impl Recorded {
     /// A source of these examples. With `mirror`, every other showing is mirrored at random.
     pub fn new(examples: Vec<Example>, seed: u64, mirror: bool) -> Self {
-        let examples: Vec<_> = examples.into_iter().map(Arc::new).collect();
+        Self::mixed(vec![(examples, 1)], seed, mirror)
+    }
+
+    /// A source of several groups of examples, each with how often an epoch shows it.
+    pub fn mixed(groups: Vec<(Vec<Example>, usize)>, seed: u64, mirror: bool) -> Self {
+        let mut all = Vec::new();
+        let mut showings = Vec::new();
+        for (examples, times) in groups {
+            let first = all.len();
+            all.extend(examples.into_iter().map(Arc::new));
+            for _ in 0..times {
+                showings.extend(first..all.len());
+            }
+        }
         let mut source = Self {
-            order: (0..examples.len()).collect(),
-            examples,
+            examples: all,
+            order: Vec::new(),
+            showings,
             seed,
             mirror,
             epoch: 0,
@@ -62,19 +79,9 @@ impl Recorded {
         source
     }
 
-    /// Number of examples.
-    pub fn len(&self) -> usize {
-        self.examples.len()
-    }
-
-    /// Whether there are none.
-    pub fn is_empty(&self) -> bool {
-        self.examples.is_empty()
-    }
-
     fn begin_epoch(&mut self, epoch: u64) {
         self.epoch = epoch;
-        self.order = (0..self.examples.len()).collect();
+        self.order.clone_from(&self.showings);
         let random = &mut stream(self.seed, ORDER_STREAM + epoch);
         shuffle(random, &mut self.order);
     }
@@ -83,7 +90,7 @@ impl Recorded {
 impl Source for Recorded {
     /// The last batch of an epoch is left out if it is not full, but there is at least one.
     fn steps_per_epoch(&self, batch: usize) -> u64 {
-        (self.examples.len() / batch.max(1)).max(1) as u64
+        (self.showings.len() / batch.max(1)).max(1) as u64
     }
 
     fn draw(&mut self, step: u64, batch: usize) -> Vec<Shown> {
@@ -177,6 +184,21 @@ mod tests {
         };
         assert_eq!(count(&first), count(&second));
         assert_eq!(first.len(), 12);
+    }
+
+    #[test]
+    fn a_group_is_shown_as_often_as_is_said() {
+        let mut examples = examples(6);
+        let rest = examples.split_off(2);
+        let often = examples[0].path.clone();
+        let mut source = Recorded::mixed(vec![(examples, 3), (rest, 1)], 7, false);
+        assert_eq!(source.steps_per_epoch(5), 2);
+        let shown = [source.draw(0, 5), source.draw(1, 5)].concat();
+        let is_often = |shown: &&Shown| shown.example.path == often;
+        assert_eq!(
+            (shown.len(), shown.iter().filter(is_often).count()),
+            (10, 3)
+        );
     }
 
     #[test]

@@ -1,39 +1,32 @@
-//! The training loop: one step of a network, and steps until the end of a run.
+//! A network in training: one step of it, and its scores.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use rayon::prelude::*;
-use swath_bridge::{GridSpec, Vehicle};
+use swath_bridge::{GridSpec, Pose2, Vehicle};
 use swath_planner::Plane;
 use swath_planner::network::{
-    Dropout, Encoding, INPUT_PLANES, Network, NetworkInfo, Parameters, Training,
+    Dropout, Encoding, Network, NetworkInfo, Parameters, Surroundings, Training,
 };
 
-use crate::checkpoint::{Checkpoint, Progress, write_atomically};
+use crate::checkpoint::{Checkpoint, Progress};
 use crate::evaluate::{Predictor, Report, evaluate};
-use crate::example::mirrored;
+use crate::example::{mirrored, mirrored_pose};
 use crate::loss::loss_and_gradient;
 use crate::optimiser::Adam;
-use crate::source::{Shown, Source};
+use crate::source::Shown;
 use crate::{Error, Example, TrainConfig};
 
 /// Width of labels when the configuration does not redraw them, metres.
 pub const DEFAULT_LABEL_DILATION_M: f64 = 1.4;
-/// Name of the checkpoint in the directory of a run.
-pub const CHECKPOINT_FILE: &str = "checkpoint.safetensors";
-/// Name of the newest weights in the directory of a run.
-pub const WEIGHTS_FILE: &str = "weights.safetensors";
-/// Name of the weights that scored best on the validation samples.
-pub const BEST_FILE: &str = "best.safetensors";
-
 /// What a network is for that is trained with `config` on grids like `spec`.
 pub fn network_info(config: &TrainConfig, spec: &GridSpec, vehicle: &Vehicle) -> NetworkInfo {
     NetworkInfo {
-        rows: spec.rows,
-        cols: spec.cols,
-        resolution_m: spec.resolution_m,
+        architecture: config.architecture,
+        spec: *spec,
         size: config.size,
         vehicle: vehicle.digest(),
+        min_turning_radius_m: vehicle.min_turning_radius_m,
         label_dilation_m: config.label_dilation_m.unwrap_or(DEFAULT_LABEL_DILATION_M),
         ..NetworkInfo::default()
     }
@@ -42,13 +35,13 @@ pub fn network_info(config: &TrainConfig, spec: &GridSpec, vehicle: &Vehicle) ->
 /// A network in training.
 #[derive(Debug)]
 pub struct Learner {
-    config: TrainConfig,
+    pub(crate) config: TrainConfig,
     info: NetworkInfo,
     encoding: Encoding,
     network: Training,
     parameters: Parameters,
     adam: Adam,
-    progress: Progress,
+    pub(crate) progress: Progress,
     memory: Memory,
 }
 
@@ -71,10 +64,11 @@ impl Learner {
         config.validate()?;
         let encoding = info.encoding();
         let (rows, cols) = encoding.input_size();
-        let network = Training::new(rows, cols).ok_or_else(|| Error::Config {
+        let network = Training::new(config.architecture, (rows, cols));
+        let network = network.ok_or_else(|| Error::Config {
             what: format!("the network's input would be {rows} x {cols}, expected at most 4096"),
         })?;
-        let parameters = Parameters::initial(config.seed);
+        let parameters = Parameters::initial(config.architecture, config.seed);
         Ok(Self {
             adam: Adam::new(config.adam, parameters.is_kernel()),
             memory: Memory {
@@ -168,7 +162,9 @@ impl Learner {
             .input
             .par_chunks_exact_mut(input_len)
             .zip(&planes)
-            .try_for_each(|(input, planes)| encoding.encode(planes.inputs(), input))?;
+            .try_for_each(|(input, planes)| {
+                encoding.encode(&planes.surroundings(), &planes.goal, input)
+            })?;
         for planes in &planes {
             encoding.check(&planes.label)?;
         }
@@ -180,7 +176,7 @@ impl Learner {
         let logits = self
             .network
             .forward(&self.parameters, &memory.input, dropout);
-        let logit_len = input_len / INPUT_PLANES;
+        let logit_len = encoding.output_len();
         memory.cells.resize(part.len() * cells, 0.0);
         memory.cell_gradient.resize(part.len() * cells, 0.0);
         memory.logit_gradient.resize(part.len() * logit_len, 0.0);
@@ -262,7 +258,8 @@ impl Learner {
 struct Planes {
     obstacles: Plane,
     reference: Plane,
-    target: Plane,
+    goal: Pose2,
+    speed_m_per_s: f64,
     label: Plane,
 }
 
@@ -283,182 +280,22 @@ impl Planes {
         Self {
             obstacles: turned(&example.obstacles),
             reference: turned(&example.reference),
-            target: turned(&example.target),
+            goal: if shown.mirrored {
+                mirrored_pose(&example.goal)
+            } else {
+                example.goal
+            },
+            speed_m_per_s: example.speed_m_per_s,
             label: turned(label.as_ref().unwrap_or(&example.label)),
         }
     }
 
-    const fn inputs(&self) -> [&Plane; INPUT_PLANES] {
-        [&self.obstacles, &self.reference, &self.target]
-    }
-}
-
-/// One step, for whoever watches.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct StepReport {
-    /// Steps taken.
-    pub step: u64,
-    /// Steps in the whole run, if it has an end.
-    pub steps: Option<u64>,
-    /// Epochs completed.
-    pub epoch: u64,
-    /// Mean loss of a sample.
-    pub loss: f64,
-    /// Learning rate.
-    pub rate: f64,
-    /// Samples shown so far.
-    pub samples: u64,
-}
-
-/// The end of an epoch, for whoever watches.
-#[derive(Debug, Clone)]
-pub struct EpochReport {
-    /// Epochs completed.
-    pub epoch: u64,
-    /// Steps taken.
-    pub step: u64,
-    /// Mean loss of the epoch.
-    pub loss: f64,
-    /// Scores on the validation samples, if there are any.
-    pub validation: Option<Report>,
-}
-
-/// Watches a training and may end it.
-pub trait Observer {
-    /// After each step.
-    fn stepped(&mut self, _report: &StepReport) {}
-
-    /// After each epoch.
-    fn epoch_ended(&mut self, _report: &EpochReport) {}
-
-    /// Asked before each step; the run then ends with a checkpoint.
-    fn should_stop(&mut self) -> bool {
-        false
-    }
-}
-
-/// Watches nothing.
-#[derive(Debug, Clone, Copy)]
-pub struct Unobserved;
-
-impl Observer for Unobserved {}
-
-/// A run from where the learner stands to the last epoch of its configuration.
-#[derive(Debug)]
-pub struct Run<'a> {
-    /// Where samples come from.
-    pub source: &'a mut dyn Source,
-    /// Scored after every epoch; may be empty.
-    pub validation: &'a [Example],
-    /// Where checkpoint and weights are kept, if anywhere.
-    pub directory: Option<PathBuf>,
-}
-
-/// How a run ended.
-#[derive(Debug, Clone)]
-pub struct Summary {
-    /// Whether it came to its end.
-    pub complete: bool,
-    /// The last scores on the validation samples.
-    pub validation: Option<Report>,
-}
-
-impl Run<'_> {
-    /// Trains to the end or until the observer stops it. A checkpoint and the newest weights are
-    /// written after every epoch and on stopping, the best weights whenever they are.
-    ///
-    /// # Errors
-    /// [`Error::Diverged`], [`Error::Io`], [`Error::Checkpoint`] if the learner comes from a run over
-    /// another number of samples.
-    pub fn train(
-        self,
-        learner: &mut Learner,
-        observer: &mut dyn Observer,
-    ) -> Result<Summary, Error> {
-        if let Some(directory) = &self.directory {
-            std::fs::create_dir_all(directory).map_err(|source| Error::Io {
-                path: directory.clone(),
-                source,
-            })?;
+    const fn surroundings(&self) -> Surroundings<'_> {
+        Surroundings {
+            obstacles: &self.obstacles,
+            reference: &self.reference,
+            speed_m_per_s: self.speed_m_per_s,
         }
-        let (batch, epochs) = (learner.config.batch, learner.config.epochs);
-        let an_epoch = self.source.steps_per_epoch(batch);
-        let total = an_epoch * epochs;
-        let schedule = learner.config.schedule(total);
-        if learner.progress.step > 0 && learner.progress.total_steps != total {
-            return Err(Error::Checkpoint {
-                path: self.directory.unwrap_or_default().join(CHECKPOINT_FILE),
-                what: format!(
-                    "it is of a run of {} steps, these samples and settings make {total}",
-                    learner.progress.total_steps
-                ),
-            });
-        }
-        learner.progress.total_steps = total;
-        let mut validation = None;
-        while learner.progress.step < total {
-            let step = learner.progress.step;
-            if observer.should_stop() {
-                self.keep(learner)?;
-                return Ok(Summary {
-                    complete: false,
-                    validation,
-                });
-            }
-            let rate = schedule.rate(step);
-            let shown = self.source.draw(step, batch);
-            let loss = learner.step(&shown, rate)?;
-            observer.stepped(&StepReport {
-                step: step + 1,
-                steps: Some(total),
-                epoch: step / an_epoch,
-                loss,
-                rate,
-                samples: learner.progress.samples,
-            });
-            if (step + 1).is_multiple_of(an_epoch) {
-                validation = self.end_epoch(learner, (step + 1) / an_epoch, observer)?;
-            }
-        }
-        Ok(Summary {
-            complete: true,
-            validation,
-        })
-    }
-
-    fn end_epoch(
-        &self,
-        learner: &mut Learner,
-        epoch: u64,
-        observer: &mut dyn Observer,
-    ) -> Result<Option<Report>, Error> {
-        let validation = score(learner, self.validation)?;
-        let loss = learner.take_loss();
-        if let Some(report) = &validation {
-            let miou = report.scores.total.miou();
-            if learner.progress.best_miou.is_none_or(|best| miou > best) {
-                learner.progress.best_miou = Some(miou);
-                if let Some(directory) = &self.directory {
-                    write_atomically(&directory.join(BEST_FILE), &learner.weights())?;
-                }
-            }
-        }
-        self.keep(learner)?;
-        observer.epoch_ended(&EpochReport {
-            epoch,
-            step: learner.progress.step,
-            loss,
-            validation: validation.clone(),
-        });
-        Ok(validation)
-    }
-
-    fn keep(&self, learner: &Learner) -> Result<(), Error> {
-        let Some(directory) = &self.directory else {
-            return Ok(());
-        };
-        write_atomically(&directory.join(WEIGHTS_FILE), &learner.weights())?;
-        learner.checkpoint().save(&directory.join(CHECKPOINT_FILE))
     }
 }
 

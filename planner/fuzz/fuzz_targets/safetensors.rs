@@ -8,14 +8,14 @@
 use std::sync::OnceLock;
 
 use libfuzzer_sys::fuzz_target;
-use swath_planner::network::{Network, NetworkInfo, Parameters};
+use swath_planner::network::{Architecture, Network, NetworkInfo, Parameters};
 
 /// Bytes at the beginning of a good file that are changed: its header, and some of what follows.
 const CHANGED_BYTES: usize = 32 * 1024;
 
 fn good_file() -> &'static [u8] {
     static FILE: OnceLock<Vec<u8>> = OnceLock::new();
-    FILE.get_or_init(|| Network::save(&NetworkInfo::default(), &Parameters::initial(1)))
+    FILE.get_or_init(|| Network::save(&NetworkInfo::default(), &Parameters::initial(Architecture::default(), 1)))
 }
 
 fuzz_target!(|data: &[u8]| {

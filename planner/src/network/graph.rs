@@ -1,20 +1,28 @@
-//! ENet as a list of operations over buffers and a list of named parameters.
+//! The two architectures as lists of operations over buffers and of named parameters.
 //!
-//! After A. Paszke et al., "ENet: A Deep Neural Network Architecture for Real-Time Semantic
+//! `enet` is the paper's: after A. Paszke et al., "ENet: A Deep Neural Network Architecture for Real-Time Semantic
 //! Segmentation" (2016), with the two changes of the paper: average pooling in the downsampling
 //! bottleneck, bilinear upsampling in the upsampling one. `PReLU` has a slope for each channel in the
 //! encoder, the decoder uses plain rectifiers, convolutions have no bias but the last. With three
 //! input planes and one logit this has exactly [`PARAMETER_COUNT`] parameters.
 //!
+//! `enet-shared` looks at the map once for all goals: up to bottleneck 3.4 nothing depends on a goal.
+//! There features of the goal (`goal_features`) are added, and only the rest runs for each goal. What
+//! the encoder saw at higher resolutions is added again in the decoder, computed once as well.
+//!
 //! Everything else (the plain candle model, the training engine, the inference engine, the weights
 //! file) is derived from this one description.
+
+use serde::{Deserialize, Serialize};
 
 /// Trainable parameters of ENet with three input planes and one logit.
 pub const PARAMETER_COUNT: usize = 362_832;
 /// Sides of the network's input are multiples of this.
 pub const SIDE_MULTIPLE: usize = 8;
-/// Input planes: obstacles, reference, target.
+/// Input planes: obstacles, reference, and the target or the vehicle.
 pub const INPUT_PLANES: usize = 3;
+/// Features of a goal at each pixel of an eighth of the resolution, for `enet-shared`.
+pub(crate) const GOAL_FEATURES: usize = 20;
 
 /// Added to a variance before its root is taken.
 pub(crate) const NORM_EPSILON: f32 = 1e-3;
@@ -22,6 +30,37 @@ pub(crate) const NORM_EPSILON: f32 = 1e-3;
 pub(crate) const INITIAL_CONVOLVED: usize = 13;
 
 mod builder;
+
+/// Which network.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Architecture {
+    /// The paper's: one pass a target.
+    Enet,
+    /// One pass a map and a short one a target.
+    #[default]
+    EnetShared,
+}
+
+impl Architecture {
+    /// All there are.
+    pub const ALL: [Self; 2] = [Self::Enet, Self::EnetShared];
+
+    /// The name in files, messages and on the command line.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Enet => "enet",
+            Self::EnetShared => "enet-shared",
+        }
+    }
+
+    /// The architecture of a name.
+    pub fn from_name(name: &str) -> Option<Self> {
+        Self::ALL
+            .into_iter()
+            .find(|architecture| architecture.name() == name)
+    }
+}
 
 /// What a named tensor is, which decides how it begins.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -211,6 +250,12 @@ pub(crate) enum Op {
         x: BufferId,
         y: BufferId,
     },
+    /// `y = a + b`.
+    Add {
+        a: BufferId,
+        b: BufferId,
+        y: BufferId,
+    },
     /// Full transposed convolution 2×2 with bias to one logit at twice the size.
     Head {
         x: BufferId,
@@ -220,19 +265,57 @@ pub(crate) enum Op {
     },
 }
 
+impl Op {
+    /// The buffers that are read, and the one that is written.
+    pub(crate) fn buffers(&self) -> (Vec<BufferId>, BufferId) {
+        match *self {
+            Self::Conv(Conv { x, y, .. })
+            | Self::PoolInput { x, y, .. }
+            | Self::Pool { x, y }
+            | Self::Upsample { x, y }
+            | Self::Head { x, y, .. } => (vec![x], y),
+            Self::Norm(norm) => ([norm.x].into_iter().chain(norm.residual).collect(), norm.y),
+            Self::Add { a, b, y } => (vec![a, b], y),
+        }
+    }
+}
+
 /// The network for one size of input.
 #[derive(Debug, Clone)]
 pub(crate) struct Graph {
     pub(crate) tensors: Vec<TensorSpec>,
     pub(crate) buffers: Vec<Extent>,
     pub(crate) ops: Vec<Op>,
+    /// So many operations at the beginning do not depend on the goal.
+    pub(crate) map_ops: usize,
+    /// The buffer that holds features of the goal.
+    pub(crate) goal: Option<BufferId>,
     pub(crate) trained_len: usize,
     pub(crate) running_len: usize,
 }
 
 impl Graph {
-    /// The buffer that holds the input.
+    /// The buffer that holds the input planes.
     pub(crate) const INPUT: BufferId = 0;
+
+    /// An architecture for inputs of `rows` × `cols`, both multiples of [`SIDE_MULTIPLE`].
+    pub(crate) fn new(architecture: Architecture, (rows, cols): (usize, usize)) -> Self {
+        match architecture {
+            Architecture::Enet => Self::enet(rows, cols),
+            Architecture::EnetShared => Self::enet_shared(rows, cols),
+        }
+    }
+
+    /// Whether a buffer is filled from outside.
+    pub(crate) fn is_input(&self, buffer: BufferId) -> bool {
+        buffer == Self::INPUT || Some(buffer) == self.goal
+    }
+
+    /// Floats of one image's input: the planes, then the features of the goal.
+    pub(crate) fn input_len(&self) -> usize {
+        let goal = self.goal.map_or(0, |goal| self.buffers[goal].len());
+        self.buffers[Self::INPUT].len() + goal
+    }
 
     /// The buffer that holds the logits.
     pub(crate) fn output(&self) -> BufferId {
@@ -258,6 +341,21 @@ mod tests {
         assert_eq!(sum, PARAMETER_COUNT);
         let names: BTreeSet<_> = graph.tensors.iter().map(|tensor| &tensor.name).collect();
         assert_eq!(names.len(), graph.tensors.len());
+    }
+
+    #[test]
+    fn what_the_map_decides_does_not_depend_on_the_goal() {
+        let graph = Graph::enet_shared(408, 152);
+        let mut of_goal = BTreeSet::from([graph.goal.unwrap()]);
+        for (index, op) in graph.ops.iter().enumerate() {
+            let (reads, writes) = op.buffers();
+            if reads.iter().any(|buffer| of_goal.contains(buffer)) {
+                of_goal.insert(writes);
+            }
+            assert_eq!(of_goal.contains(&writes), index >= graph.map_ops, "{op:?}");
+        }
+        assert!(of_goal.contains(&graph.output()));
+        assert_eq!(graph.input_len(), 408 * 152 * 3 + 51 * 19 * GOAL_FEATURES);
     }
 
     #[test]

@@ -1,10 +1,13 @@
 //! From planes to the network's input and from its logits back to planes.
 
 use serde::{Deserialize, Serialize};
+use swath_bridge::{Cell, GridSpec, Pose2};
 
 use super::engine::spatial::{FAR, NEAR, bilinear_lines};
-use super::graph::{INPUT_PLANES, SIDE_MULTIPLE};
-use crate::{Error, Plane};
+use super::goal_features::{self, Pixels};
+use super::graph::{Architecture, GOAL_FEATURES, INPUT_PLANES, SIDE_MULTIPLE};
+use crate::plane::each_cell_near;
+use crate::{Error, Plane, max_curvature_per_m};
 
 /// At what resolution the network sees a grid.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
@@ -34,27 +37,36 @@ impl InputSize {
     }
 }
 
+/// What a network sees of a frame, whatever the goal.
+#[derive(Debug, Clone, Copy)]
+pub struct Surroundings<'a> {
+    /// Obstacles.
+    pub obstacles: &'a Plane,
+    /// The reference, dilated as the network was trained with.
+    pub reference: &'a Plane,
+    /// Speed of the vehicle, which decides how tightly it turns, m/s.
+    pub speed_m_per_s: f64,
+}
+
 /// How grids of one size enter and leave the network.
 ///
 /// The grid is padded with zeros below and on the right to multiples of
 /// [`SIDE_MULTIPLE`]: 401 × 151 becomes 408 × 152, or 208 × 80 at half size.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Encoding {
-    rows: usize,
-    cols: usize,
-    size: InputSize,
+    /// What takes the input.
+    pub architecture: Architecture,
+    /// The grid.
+    pub spec: GridSpec,
+    /// Resolution of the input.
+    pub size: InputSize,
+    /// Radius of the disc around the target, or around the vehicle, metres.
+    pub disc_m: f64,
+    /// Smallest turning radius of the vehicle, metres.
+    pub min_turning_radius_m: f64,
 }
 
 impl Encoding {
-    /// The encoding of grids of `rows` × `cols` cells.
-    pub const fn new(rows: u32, cols: u32, size: InputSize) -> Self {
-        Self {
-            rows: rows as usize,
-            cols: cols as usize,
-            size,
-        }
-    }
-
     /// Rows and columns of the network's input.
     pub const fn input_size(&self) -> (usize, usize) {
         let (rows, cols) = self.pixels();
@@ -64,15 +76,36 @@ impl Encoding {
         )
     }
 
-    /// Number of floats of one input.
-    pub const fn input_len(&self) -> usize {
+    /// Number of floats of the input's planes.
+    pub const fn planes_len(&self) -> usize {
         let (rows, cols) = self.input_size();
         rows * cols * INPUT_PLANES
     }
 
+    /// Number of floats that describe a goal beside the planes.
+    pub const fn features_len(&self) -> usize {
+        let (rows, cols) = self.input_size();
+        match self.architecture {
+            Architecture::Enet => 0,
+            Architecture::EnetShared => {
+                rows / SIDE_MULTIPLE * (cols / SIDE_MULTIPLE) * GOAL_FEATURES
+            }
+        }
+    }
+
+    /// Number of floats of a whole input.
+    pub const fn input_len(&self) -> usize {
+        self.planes_len() + self.features_len()
+    }
+
+    /// Number of logits.
+    pub const fn output_len(&self) -> usize {
+        self.planes_len() / INPUT_PLANES
+    }
+
     /// Number of cells of the grid.
     pub const fn cells(&self) -> usize {
-        self.rows * self.cols
+        self.spec.len()
     }
 
     /// Checks that a plane is of the grid's size.
@@ -80,42 +113,109 @@ impl Encoding {
     /// # Errors
     /// [`Error::Shape`] unless it is.
     pub fn check(&self, plane: &Plane) -> Result<(), Error> {
-        if (plane.rows() as usize, plane.cols() as usize) == (self.rows, self.cols) {
+        let wanted = (self.spec.rows, self.spec.cols);
+        if (plane.rows(), plane.cols()) == wanted {
             return Ok(());
         }
-        let side = |cells: usize| u32::try_from(cells).unwrap_or(u32::MAX);
         Err(Error::Shape {
             what: "plane for the network",
             got: (plane.rows(), plane.cols()),
-            wanted: (side(self.rows), side(self.cols)),
+            wanted,
         })
     }
 
-    /// Writes planes of the grid's size as an input: each becomes one of the innermost channels.
+    /// Writes one input: the planes, channels innermost, then what describes the goal.
     ///
     /// # Shapes
-    /// `input`: rows × cols × 3 of [`Self::input_size`].
+    /// `input`: [`Self::input_len`].
     ///
     /// # Errors
     /// [`Error::Shape`] if a plane is of another size.
-    pub fn encode(&self, planes: [&Plane; INPUT_PLANES], input: &mut [f32]) -> Result<(), Error> {
+    pub fn encode(
+        &self,
+        surroundings: &Surroundings<'_>,
+        goal: &Pose2,
+        input: &mut [f32],
+    ) -> Result<(), Error> {
+        let (planes, features) = input.split_at_mut(self.planes_len());
+        self.encode_planes(surroundings, Some(goal), planes)?;
+        self.encode_goal(surroundings, goal, features);
+        Ok(())
+    }
+
+    /// Writes the input planes: obstacles, reference and a disc. For `enet` the disc lies around the
+    /// goal, which has to be given, else around the vehicle.
+    ///
+    /// # Errors
+    /// As [`Self::encode`].
+    pub(super) fn encode_planes(
+        &self,
+        surroundings: &Surroundings<'_>,
+        goal: Option<&Pose2>,
+        input: &mut [f32],
+    ) -> Result<(), Error> {
         input.fill(0.0);
         let (_, input_cols) = self.input_size();
-        let shrink = self.shrink();
-        for (channel, plane) in planes.into_iter().enumerate() {
+        let (shrink, cols) = (self.shrink(), self.spec.cols as usize);
+        let mut set = |cell: usize, channel: usize| {
+            let (row, col) = (cell / cols / shrink, cell % cols / shrink);
+            input[(row * input_cols + col) * INPUT_PLANES + channel] = 1.0;
+        };
+        for (channel, plane) in [surroundings.obstacles, surroundings.reference]
+            .into_iter()
+            .enumerate()
+        {
             self.check(plane)?;
             for (byte, &bits) in plane.packed().iter().enumerate() {
                 let mut bits = bits;
                 while bits != 0 {
                     let bit = bits.leading_zeros() as usize;
                     bits &= !(0x80 >> bit);
-                    let cell = byte * 8 + bit;
-                    let (row, col) = (cell / self.cols / shrink, cell % self.cols / shrink);
-                    input[(row * input_cols + col) * INPUT_PLANES + channel] = 1.0;
+                    set(byte * 8 + bit, channel);
                 }
             }
         }
+        let vehicle = Pose2::default();
+        let middle = match self.architecture {
+            Architecture::Enet => goal.unwrap_or(&vehicle),
+            Architecture::EnetShared => &vehicle,
+        };
+        each_cell_near(&self.spec, (middle, middle), self.disc_m, |cell| {
+            if let Some(index) = self.spec.index_of(cell) {
+                set(index, INPUT_PLANES - 1);
+            }
+        });
         Ok(())
+    }
+
+    /// Writes what describes the goal beside the planes.
+    ///
+    /// # Shapes
+    /// `features`: [`Self::features_len`].
+    pub(super) fn encode_goal(
+        &self,
+        surroundings: &Surroundings<'_>,
+        goal: &Pose2,
+        features: &mut [f32],
+    ) {
+        if features.is_empty() {
+            return;
+        }
+        let curvature_per_m = max_curvature_per_m(surroundings.speed_m_per_s);
+        let radius_m = self.min_turning_radius_m.max(1.0 / curvature_per_m);
+        let (rows, cols) = self.input_size();
+        let cells = SIDE_MULTIPLE * self.shrink();
+        let side_m = cells as f64 * self.spec.resolution_m;
+        // The centre of the first pixel lies half a pixel less half a cell behind the first cell's.
+        let (x_m, y_m) = self.spec.centre_of(Cell::new(0, 0));
+        let inset_m = 0.5 * (side_m - self.spec.resolution_m);
+        let pixels = Pixels {
+            rows: rows / SIDE_MULTIPLE,
+            cols: cols / SIDE_MULTIPLE,
+            side_m,
+            first: (x_m - inset_m, y_m - inset_m),
+        };
+        goal_features::write(&pixels, goal, radius_m, features);
     }
 
     /// The logit of each cell of the grid.
@@ -127,14 +227,14 @@ impl Encoding {
         match self.size {
             InputSize::Full => {
                 for (cells, logits) in cells
-                    .chunks_exact_mut(self.cols)
+                    .chunks_exact_mut(self.cols())
                     .zip(logits.chunks_exact(input_cols))
                 {
-                    cells.copy_from_slice(&logits[..self.cols]);
+                    cells.copy_from_slice(&logits[..self.cols()]);
                 }
             }
             InputSize::Half => {
-                for (row, cells) in cells.chunks_exact_mut(self.cols).enumerate() {
+                for (row, cells) in cells.chunks_exact_mut(self.cols()).enumerate() {
                     let (near, far) = bilinear_lines(row, input_rows);
                     let near = &logits[near * input_cols..][..input_cols];
                     let far = &logits[far * input_cols..][..input_cols];
@@ -155,10 +255,10 @@ impl Encoding {
     pub fn decode_backward(&self, cells: &[f32], logits: &mut [f32]) {
         logits.fill(0.0);
         let (input_rows, input_cols) = self.input_size();
-        for (row, cells) in cells.chunks_exact(self.cols).enumerate() {
+        for (row, cells) in cells.chunks_exact(self.cols()).enumerate() {
             match self.size {
                 InputSize::Full => {
-                    logits[row * input_cols..][..self.cols].copy_from_slice(cells);
+                    logits[row * input_cols..][..self.cols()].copy_from_slice(cells);
                 }
                 InputSize::Half => {
                     let (near, far) = bilinear_lines(row, input_rows);
@@ -177,8 +277,7 @@ impl Encoding {
 
     /// The plane of the cells whose logit is above 0.
     pub fn region(&self, cells: &[f32]) -> Plane {
-        let side = |cells: usize| u32::try_from(cells).unwrap_or(u32::MAX);
-        let mut plane = Plane::empty(side(self.rows), side(self.cols));
+        let mut plane = Plane::empty(self.spec.rows, self.spec.cols);
         for (index, &logit) in cells.iter().enumerate() {
             if logit > 0.0 {
                 plane.set_index(index);
@@ -196,7 +295,15 @@ impl Encoding {
 
     const fn pixels(&self) -> (usize, usize) {
         let shrink = self.shrink();
-        (self.rows.div_ceil(shrink), self.cols.div_ceil(shrink))
+        (self.rows().div_ceil(shrink), self.cols().div_ceil(shrink))
+    }
+
+    const fn rows(&self) -> usize {
+        self.spec.rows as usize
+    }
+
+    const fn cols(&self) -> usize {
+        self.spec.cols as usize
     }
 }
 
@@ -204,46 +311,95 @@ impl Encoding {
 mod tests {
     use super::*;
     use proptest::prelude::*;
-    use swath_bridge::Cell;
+
+    fn encoding(rows: u32, cols: u32, size: InputSize) -> Encoding {
+        Encoding {
+            architecture: Architecture::Enet,
+            spec: GridSpec {
+                rows,
+                cols,
+                resolution_m: 0.2,
+                ego_row: 0,
+                ego_col: 0,
+            },
+            size,
+            disc_m: 0.1,
+            min_turning_radius_m: 5.5,
+        }
+    }
+
+    fn surroundings<'a>(obstacles: &'a Plane, reference: &'a Plane) -> Surroundings<'a> {
+        Surroundings {
+            obstacles,
+            reference,
+            speed_m_per_s: 1.4,
+        }
+    }
 
     #[test]
     fn the_default_grid_is_padded_as_designed() {
-        assert_eq!(
-            Encoding::new(401, 151, InputSize::Full).input_size(),
-            (408, 152)
-        );
-        assert_eq!(
-            Encoding::new(401, 151, InputSize::Half).input_size(),
-            (208, 80)
-        );
+        assert_eq!(encoding(401, 151, InputSize::Full).input_size(), (408, 152));
+        assert_eq!(encoding(401, 151, InputSize::Half).input_size(), (208, 80));
     }
 
     #[test]
     fn a_pixel_of_half_size_is_set_if_any_of_its_cells_is() {
-        let encoding = Encoding::new(5, 7, InputSize::Half);
+        let encoding = encoding(5, 7, InputSize::Half);
         let mut plane = Plane::empty(5, 7);
         plane.set(Cell::new(4, 6));
         plane.set(Cell::new(1, 2));
         let empty = Plane::empty(5, 7);
         let mut input = vec![9.0; encoding.input_len()];
+        let goal = Pose2::new(-0.8, -0.2, 0.0);
         encoding
-            .encode([&empty, &plane, &empty], &mut input)
+            .encode(&surroundings(&empty, &plane), &goal, &mut input)
             .unwrap();
         let set: Vec<usize> = (0..input.len())
             .filter(|&index| input[index] != 0.0)
             .collect();
-        let at = |row: usize, col: usize| (row * 8 + col) * INPUT_PLANES + 1;
-        assert_eq!(set, [at(0, 1), at(2, 3)]);
+        let at = |row: usize, col: usize, plane: usize| (row * 8 + col) * INPUT_PLANES + plane;
+        assert_eq!(set, [at(0, 1, 1), at(2, 0, 2), at(2, 3, 1)]);
+    }
+
+    #[test]
+    fn only_the_shared_network_sees_the_vehicle_instead_of_the_goal() {
+        let enet = Encoding {
+            spec: GridSpec::default(),
+            ..encoding(1, 1, InputSize::Half)
+        };
+        let shared = Encoding {
+            architecture: Architecture::EnetShared,
+            ..enet
+        };
+        let empty = Plane::empty(401, 151);
+        let mut input = vec![0.0; shared.input_len()];
+        let goal = Pose2::new(20.0, 0.0, 0.0);
+        let surroundings = surroundings(&empty, &empty);
+        shared.encode(&surroundings, &goal, &mut input).unwrap();
+        let (planes, features) = input.split_at(shared.planes_len());
+        let pixel = |row: usize, col: usize| planes[(row * 80 + col) * INPUT_PLANES + 2];
+        assert_eq!((pixel(150, 37), pixel(100, 37)), (1.0, 0.0));
+        assert_eq!(features.len(), 26 * 10 * GOAL_FEATURES);
+        // The pixel around x = 59.9 − 3.2 · 12, y = 14.9 − 3.2 · 4 less half of 3.0 m.
+        let feature = features[(12 * 10 + 4) * GOAL_FEATURES + 7] * 40.0;
+        assert!(
+            (f64::from(feature) - (60.0 - 1.5 - 38.4)).abs() < 1e-4,
+            "{feature}"
+        );
+        let mut input = vec![0.0; enet.input_len()];
+        enet.encode(&surroundings, &goal, &mut input).unwrap();
+        assert_eq!(input[(100 * 80 + 37) * INPUT_PLANES + 2], 1.0);
     }
 
     #[test]
     fn a_plane_of_another_size_is_refused() {
-        let encoding = Encoding::new(5, 7, InputSize::Full);
+        let encoding = encoding(5, 7, InputSize::Full);
         let (right, wrong) = (Plane::empty(5, 7), Plane::empty(7, 5));
         let mut input = vec![0.0; encoding.input_len()];
+        let goal = Pose2::default();
         assert!(
             encoding
-                .encode([&right, &wrong, &right], &mut input)
+                .encode(&surroundings(&right, &wrong), &goal, &mut input)
                 .is_err()
         );
     }
@@ -254,8 +410,8 @@ mod tests {
             rows in 1u32..30, cols in 1u32..30, half: bool, seed in 0u32..1000,
         ) {
             let size = if half { InputSize::Half } else { InputSize::Full };
-            let encoding = Encoding::new(rows, cols, size);
-            let logit_len = encoding.input_len() / INPUT_PLANES;
+            let encoding = encoding(rows, cols, size);
+            let logit_len = encoding.output_len();
             let value = |index: usize| f32::from(u8::try_from((index * 37 + seed as usize * 11) % 19).unwrap()) - 9.0;
             let logits: Vec<f32> = (0..logit_len).map(value).collect();
             let weights: Vec<f32> = (0..encoding.cells()).map(|index| value(index + 5)).collect();

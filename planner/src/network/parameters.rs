@@ -6,7 +6,7 @@ use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
 use safetensors::tensor::{Dtype, SafeTensors};
 
-use super::graph::{Graph, Kind, SIDE_MULTIPLE, TensorSpec};
+use super::graph::{Architecture, Graph, Kind, SIDE_MULTIPLE, TensorSpec};
 use crate::Error;
 
 /// Most bytes that a weights file may have; ENet's has 1.5 million.
@@ -20,6 +20,7 @@ const MAX_EVIDENCE: usize = 120;
 /// Values of every named tensor: the trained ones and the running statistics.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Parameters {
+    architecture: Architecture,
     values: Vec<f32>,
     running: Vec<f32>,
 }
@@ -29,8 +30,8 @@ impl Parameters {
     ///
     /// Kernels are drawn from a normal distribution of variance 2 / fan-in (K. He et al., 2015), the
     /// last one of every bottleneck not excepted.
-    pub fn initial(seed: u64) -> Self {
-        let graph = layout();
+    pub fn initial(architecture: Architecture, seed: u64) -> Self {
+        let graph = layout(architecture);
         let mut values = vec![0.0; graph.trained_len];
         let mut running = vec![0.0; graph.running_len];
         let mut random = ChaCha8Rng::seed_from_u64(seed);
@@ -50,7 +51,16 @@ impl Parameters {
                 Kind::RunningVariance => running[range].fill(1.0),
             }
         }
-        Self { values, running }
+        Self {
+            architecture,
+            values,
+            running,
+        }
+    }
+
+    /// The network they belong to.
+    pub const fn architecture(&self) -> Architecture {
+        self.architecture
     }
 
     /// The trained values, in the order of the network.
@@ -75,7 +85,7 @@ impl Parameters {
 
     /// Each named tensor: name, shape, values.
     pub fn tensors(&self) -> Vec<(String, Vec<usize>, &[f32])> {
-        let graph = layout();
+        let graph = layout(self.architecture);
         let named = |tensor: TensorSpec| {
             let values = &self.flat(tensor.kind)[tensor.start..tensor.start + tensor.len()];
             (tensor.name, tensor.shape, values)
@@ -86,7 +96,7 @@ impl Parameters {
     /// For each trained value whether weight decay applies to it: kernels only, as usual for networks
     /// with normalisation.
     pub fn is_kernel(&self) -> Vec<bool> {
-        let graph = layout();
+        let graph = layout(self.architecture);
         let mut kernel = vec![false; graph.trained_len];
         for tensor in &graph.tensors {
             if matches!(tensor.kind, Kind::Kernel { .. }) {
@@ -142,12 +152,20 @@ impl Parameters {
                 evidence(&error)
             ))
         })?;
-        let graph = layout();
+        let metadata: BTreeMap<_, _> = header
+            .metadata()
+            .clone()
+            .unwrap_or_default()
+            .into_iter()
+            .collect();
+        let architecture = architecture_of(&metadata)?;
+        let graph = layout(architecture);
         if file.len() != graph.tensors.len() {
             let (found, expected) = (file.len(), graph.tensors.len());
             return Err(wrong(format!("{found} tensors, expected {expected}")));
         }
         let mut parameters = Self {
+            architecture,
             values: vec![0.0; graph.trained_len],
             running: vec![0.0; graph.running_len],
         };
@@ -177,8 +195,7 @@ impl Parameters {
                 *to = value;
             }
         }
-        let metadata = header.metadata().clone().unwrap_or_default();
-        Ok((parameters, metadata.into_iter().collect()))
+        Ok((parameters, metadata))
     }
 
     fn flat(&self, kind: Kind) -> &[f32] {
@@ -199,8 +216,23 @@ impl Parameters {
 }
 
 /// The names and shapes, which do not depend on the size of the input.
-fn layout() -> Graph {
-    Graph::enet(SIDE_MULTIPLE, SIDE_MULTIPLE)
+fn layout(architecture: Architecture) -> Graph {
+    Graph::new(architecture, (SIDE_MULTIPLE, SIDE_MULTIPLE))
+}
+
+/// The architecture that the metadata of a weights file name.
+pub(super) fn architecture_of(metadata: &BTreeMap<String, String>) -> Result<Architecture, Error> {
+    let wrong = |what: String| Error::Weights { what };
+    let name = metadata
+        .get("architecture")
+        .ok_or_else(|| wrong("the metadata has no entry architecture".to_owned()))?;
+    Architecture::from_name(name).ok_or_else(|| {
+        let known = Architecture::ALL.map(Architecture::name).join(" or ");
+        wrong(format!(
+            "architecture is {:?}, expected {known}",
+            evidence(name)
+        ))
+    })
 }
 
 fn evidence(error: &dyn std::fmt::Display) -> String {

@@ -4,31 +4,30 @@ use std::collections::BTreeMap;
 use std::sync::{Mutex, PoisonError};
 
 use rayon::prelude::*;
-use swath_bridge::{GridSpec, Vehicle};
+use swath_bridge::{GridSpec, Pose2, Vehicle};
 
 use super::engine::{Inference, Isa, Workspace};
-use super::input::{Encoding, InputSize};
-use super::parameters::Parameters;
+use super::graph::Architecture;
+use super::input::{Encoding, InputSize, Surroundings};
+use super::parameters::{Parameters, architecture_of};
 use crate::{Error, Plane};
 
-/// Name of the paper's architecture in files and messages.
-pub const ARCHITECTURE: &str = "enet";
 /// Most cells along a side of a network's grid.
 const MAX_SIDE_CELLS: u32 = 1024;
 
 /// What a network was trained for. It travels in the metadata of the weights file.
 #[derive(Debug, Clone, PartialEq)]
 pub struct NetworkInfo {
-    /// Rows of the grid.
-    pub rows: u32,
-    /// Columns of the grid.
-    pub cols: u32,
-    /// Side of a cell, metres.
-    pub resolution_m: f64,
+    /// Which network.
+    pub architecture: Architecture,
+    /// The grid.
+    pub spec: GridSpec,
     /// At what resolution the network sees the grid.
     pub size: InputSize,
     /// Digest of the vehicle's dimensions, see [`Vehicle::digest`].
     pub vehicle: String,
+    /// Smallest turning radius of the vehicle, metres.
+    pub min_turning_radius_m: f64,
     /// Distance from the path to the edge of the region that was learnt, metres.
     pub label_dilation_m: f64,
     /// Distance from the reference to the edge of its plane, metres.
@@ -39,13 +38,13 @@ pub struct NetworkInfo {
 
 impl Default for NetworkInfo {
     fn default() -> Self {
-        let spec = GridSpec::default();
+        let vehicle = Vehicle::default();
         Self {
-            rows: spec.rows,
-            cols: spec.cols,
-            resolution_m: spec.resolution_m,
+            architecture: Architecture::default(),
+            spec: GridSpec::default(),
             size: InputSize::default(),
-            vehicle: Vehicle::default().digest(),
+            vehicle: vehicle.digest(),
+            min_turning_radius_m: vehicle.min_turning_radius_m,
             label_dilation_m: 1.4,
             reference_dilation_m: 1.0,
             target_dilation_m: 1.0,
@@ -56,19 +55,28 @@ impl Default for NetworkInfo {
 impl NetworkInfo {
     /// How grids enter and leave the network.
     pub const fn encoding(&self) -> Encoding {
-        Encoding::new(self.rows, self.cols, self.size)
+        Encoding {
+            architecture: self.architecture,
+            spec: self.spec,
+            size: self.size,
+            disc_m: self.target_dilation_m,
+            min_turning_radius_m: self.min_turning_radius_m,
+        }
     }
 
     /// The metadata of a weights file.
     pub fn metadata(&self) -> BTreeMap<String, String> {
         let number = |value: f64| value.to_string();
         [
-            ("architecture", ARCHITECTURE.to_owned()),
+            ("architecture", self.architecture.name().to_owned()),
             ("size", self.size.name().to_owned()),
-            ("rows", self.rows.to_string()),
-            ("cols", self.cols.to_string()),
-            ("resolution_m", number(self.resolution_m)),
+            ("rows", self.spec.rows.to_string()),
+            ("cols", self.spec.cols.to_string()),
+            ("ego_row", self.spec.ego_row.to_string()),
+            ("ego_col", self.spec.ego_col.to_string()),
+            ("resolution_m", number(self.spec.resolution_m)),
             ("vehicle", self.vehicle.clone()),
+            ("min_turning_radius_m", number(self.min_turning_radius_m)),
             ("label_dilation_m", number(self.label_dilation_m)),
             ("reference_dilation_m", number(self.reference_dilation_m)),
             ("target_dilation_m", number(self.target_dilation_m)),
@@ -91,19 +99,15 @@ impl NetworkInfo {
         let wrong = |key: &str, found: &str, expected: &str| Error::Weights {
             what: format!("{key} is {:?}, expected {expected}", clip(found)),
         };
-        let architecture = text("architecture")?;
-        if architecture != ARCHITECTURE {
-            return Err(wrong("architecture", architecture, ARCHITECTURE));
-        }
         let size = text("size")?;
         let size = InputSize::from_name(size).ok_or_else(|| wrong("size", size, "full or half"))?;
-        let side = |key: &str| {
+        let cells = |key: &str, least: u32| {
             let found = text(key)?;
             found
                 .parse::<u32>()
                 .ok()
-                .filter(|cells| (1..=MAX_SIDE_CELLS).contains(cells))
-                .ok_or_else(|| wrong(key, found, "1 to 1024 cells"))
+                .filter(|cells| (least..=MAX_SIDE_CELLS).contains(cells))
+                .ok_or_else(|| wrong(key, found, &format!("{least} to {MAX_SIDE_CELLS} cells")))
         };
         let metres = |key: &str| {
             let found = text(key)?;
@@ -113,12 +117,19 @@ impl NetworkInfo {
                 .filter(|metres| (0.01..=100.0).contains(metres))
                 .ok_or_else(|| wrong(key, found, "0.01 to 100 m"))
         };
-        Ok(Self {
-            rows: side("rows")?,
-            cols: side("cols")?,
+        let spec = GridSpec {
+            rows: cells("rows", 1)?,
+            cols: cells("cols", 1)?,
             resolution_m: metres("resolution_m")?,
+            ego_row: cells("ego_row", 0)?,
+            ego_col: cells("ego_col", 0)?,
+        };
+        Ok(Self {
+            architecture: architecture_of(metadata)?,
+            spec,
             size,
             vehicle: clip(text("vehicle")?),
+            min_turning_radius_m: metres("min_turning_radius_m")?,
             label_dilation_m: metres("label_dilation_m")?,
             reference_dilation_m: metres("reference_dilation_m")?,
             target_dilation_m: metres("target_dilation_m")?,
@@ -136,10 +147,11 @@ fn clip(text: &str) -> String {
 pub struct Network {
     info: NetworkInfo,
     inference: Inference,
-    workspaces: Mutex<Vec<Memory>>,
+    maps: Mutex<Vec<Workspace>>,
+    goals: Mutex<Vec<Memory>>,
 }
 
-/// What one image's prediction needs, reused from call to call.
+/// What one goal's prediction needs, reused from call to call.
 #[derive(Debug, Default)]
 struct Memory {
     workspace: Workspace,
@@ -147,12 +159,14 @@ struct Memory {
 }
 
 impl Network {
-    /// A network of these parameters.
+    /// A network of these parameters, which must be of the same architecture.
     pub fn new(info: NetworkInfo, parameters: &Parameters) -> Self {
+        debug_assert_eq!(info.architecture, parameters.architecture());
         let size = info.encoding().input_size();
         Self {
             inference: Inference::new(Isa::detect(), size, parameters),
-            workspaces: Mutex::new(Vec::new()),
+            maps: Mutex::new(Vec::new()),
+            goals: Mutex::new(Vec::new()),
             info,
         }
     }
@@ -179,35 +193,31 @@ impl Network {
         &self.info
     }
 
-    /// The region of the path to each target: the cells that are more likely in it than not.
+    /// The region of the path to each goal: the cells that are more likely in it than not.
     ///
-    /// Targets are spread over the cores.
+    /// Goals are spread over the cores.
     ///
     /// # Errors
     /// [`Error::Shape`] if a plane is not of the network's grid.
     pub fn predict(
         &self,
-        obstacles: &Plane,
-        reference: &Plane,
-        targets: &[Plane],
+        surroundings: &Surroundings<'_>,
+        goals: &[Pose2],
     ) -> Result<Vec<Plane>, Error> {
         let encoding = self.info.encoding();
-        self.each(obstacles, reference, targets, |cells| {
-            encoding.region(cells)
-        })
+        self.each(surroundings, goals, |cells| encoding.region(cells))
     }
 
-    /// The probability of each cell, row-major, to be in the region of the path to each target.
+    /// The probability of each cell, row-major, to be in the region of the path to each goal.
     ///
     /// # Errors
     /// [`Error::Shape`] if a plane is not of the network's grid.
     pub fn probabilities(
         &self,
-        obstacles: &Plane,
-        reference: &Plane,
-        targets: &[Plane],
+        surroundings: &Surroundings<'_>,
+        goals: &[Pose2],
     ) -> Result<Vec<Vec<f32>>, Error> {
-        self.each(obstacles, reference, targets, |cells| {
+        self.each(surroundings, goals, |cells| {
             cells
                 .iter()
                 .map(|logit| 1.0 / (1.0 + libm::expf(-logit)))
@@ -217,45 +227,52 @@ impl Network {
 
     fn each<T: Send>(
         &self,
-        obstacles: &Plane,
-        reference: &Plane,
-        targets: &[Plane],
+        surroundings: &Surroundings<'_>,
+        goals: &[Pose2],
         finish: impl Fn(&[f32]) -> T + Sync,
     ) -> Result<Vec<T>, Error> {
         let encoding = self.info.encoding();
-        for plane in [obstacles, reference].into_iter().chain(targets) {
-            encoding.check(plane)?;
+        encoding.check(surroundings.obstacles)?;
+        encoding.check(surroundings.reference)?;
+        if goals.is_empty() {
+            return Ok(Vec::new());
         }
-        let predictions = targets.par_iter().map(|target| {
-            let mut memory = self.take_memory();
-            let mut encoded = Ok(());
-            let logits = self.inference.run(&mut memory.workspace, |input| {
-                encoded = encoding.encode([obstacles, reference, target], input);
-            });
+        let mut map = take(&self.maps);
+        let shares_map = encoding.features_len() > 0;
+        if shares_map {
+            let planes = self.inference.planes(&mut map);
+            encoding.encode_planes(surroundings, None, planes)?;
+            self.inference.see_map(&mut map);
+        }
+        let predictions = goals.par_iter().map(|goal| {
+            let mut memory: Memory = take(&self.goals);
+            let input = self.inference.goal_input(&mut memory.workspace);
+            if shares_map {
+                encoding.encode_goal(surroundings, goal, input);
+            } else {
+                encoding.encode_planes(surroundings, Some(goal), input)?;
+            }
+            let logits = self.inference.see_goal(&map, &mut memory.workspace);
             memory.cells.resize(encoding.cells(), 0.0);
             encoding.decode(logits, &mut memory.cells);
             let result = finish(&memory.cells);
-            self.give_memory(memory);
-            encoded.map(|()| result)
+            give(&self.goals, memory);
+            Ok(result)
         });
-        predictions.collect()
+        let predictions = predictions.collect();
+        give(&self.maps, map);
+        predictions
     }
+}
 
-    fn take_memory(&self) -> Memory {
-        let mut workspaces = self
-            .workspaces
-            .lock()
-            .unwrap_or_else(PoisonError::into_inner);
-        workspaces.pop().unwrap_or_default()
-    }
+fn take<T: Default>(pool: &Mutex<Vec<T>>) -> T {
+    let mut pool = pool.lock().unwrap_or_else(PoisonError::into_inner);
+    pool.pop().unwrap_or_default()
+}
 
-    fn give_memory(&self, memory: Memory) {
-        let mut workspaces = self
-            .workspaces
-            .lock()
-            .unwrap_or_else(PoisonError::into_inner);
-        workspaces.push(memory);
-    }
+fn give<T>(pool: &Mutex<Vec<T>>, memory: T) {
+    let mut pool = pool.lock().unwrap_or_else(PoisonError::into_inner);
+    pool.push(memory);
 }
 
 #[cfg(test)]
@@ -264,15 +281,19 @@ mod tests {
     use proptest::prelude::*;
     use std::sync::OnceLock;
 
+    fn initial(seed: u64) -> Parameters {
+        Parameters::initial(Architecture::default(), seed)
+    }
+
     fn file() -> &'static [u8] {
         static FILE: OnceLock<Vec<u8>> = OnceLock::new();
-        FILE.get_or_init(|| Network::save(&NetworkInfo::default(), &Parameters::initial(7)))
+        FILE.get_or_init(|| Network::save(&NetworkInfo::default(), &initial(7)))
     }
 
     #[test]
     fn saved_weights_load_as_they_were() {
         let (parameters, metadata) = Parameters::from_safetensors(file()).unwrap();
-        assert_eq!(parameters, Parameters::initial(7));
+        assert_eq!(parameters, initial(7));
         assert_eq!(
             NetworkInfo::from_metadata(&metadata).unwrap(),
             NetworkInfo::default()
@@ -281,45 +302,52 @@ mod tests {
     }
 
     #[test]
-    fn each_target_is_predicted_as_if_it_were_alone() {
-        let info = NetworkInfo {
-            rows: 61,
-            cols: 35,
-            ..NetworkInfo::default()
-        };
-        let network = Network::new(info, &Parameters::initial(3));
-        let plane = |step: usize| {
-            let mut plane = Plane::empty(61, 35);
-            (0..plane.len())
-                .step_by(step)
-                .for_each(|index| plane.set_index(index));
-            plane
-        };
-        let targets = [plane(11), plane(300), plane(7)];
-        let (obstacles, reference) = (plane(5), plane(13));
-        let together = network.predict(&obstacles, &reference, &targets).unwrap();
-        for (target, region) in targets.iter().zip(&together) {
-            let alone = network
-                .predict(&obstacles, &reference, std::slice::from_ref(target))
-                .unwrap();
-            assert_eq!(&alone[0], region);
-            let cells = network
-                .probabilities(&obstacles, &reference, std::slice::from_ref(target))
-                .unwrap();
-            let above = cells[0].iter().filter(|&&p| p > 0.5).count();
-            assert!(above.abs_diff(region.count()) <= 1);
+    fn each_goal_is_predicted_as_if_it_were_alone() {
+        for architecture in Architecture::ALL {
+            let spec = GridSpec {
+                rows: 61,
+                cols: 35,
+                resolution_m: 0.4,
+                ego_row: 50,
+                ego_col: 17,
+            };
+            let info = NetworkInfo {
+                architecture,
+                spec,
+                ..NetworkInfo::default()
+            };
+            let network = Network::new(info, &Parameters::initial(architecture, 3));
+            let plane = |step: usize| {
+                let mut plane = Plane::empty(61, 35);
+                (0..plane.len())
+                    .step_by(step)
+                    .for_each(|index| plane.set_index(index));
+                plane
+            };
+            let goals = [6.0, 12.0, 17.0].map(|x_m| Pose2::new(x_m, 2.0, 0.1));
+            let (obstacles, reference) = (plane(5), plane(13));
+            let surroundings = Surroundings {
+                obstacles: &obstacles,
+                reference: &reference,
+                speed_m_per_s: 1.4,
+            };
+            let together = network.predict(&surroundings, &goals).unwrap();
+            assert_ne!(together[0], together[1]);
+            for (goal, region) in goals.iter().zip(&together) {
+                let goal = std::slice::from_ref(goal);
+                assert_eq!(&network.predict(&surroundings, goal).unwrap()[0], region);
+                let cells = network.probabilities(&surroundings, goal).unwrap();
+                let above = cells[0].iter().filter(|&&p| p > 0.5).count();
+                assert!(above.abs_diff(region.count()) <= 1);
+            }
+            assert!(network.predict(&surroundings, &[]).unwrap().is_empty());
+            let small = Plane::empty(3, 3);
+            let surroundings = Surroundings {
+                obstacles: &small,
+                ..surroundings
+            };
+            assert!(network.predict(&surroundings, &goals).is_err());
         }
-        assert!(
-            network
-                .predict(&obstacles, &reference, &[])
-                .unwrap()
-                .is_empty()
-        );
-        assert!(
-            network
-                .predict(&Plane::empty(3, 3), &reference, &targets)
-                .is_err()
-        );
     }
 
     #[test]
@@ -330,6 +358,8 @@ mod tests {
             ("size", "double"),
             ("rows", "4294967295"),
             ("cols", "0"),
+            ("ego_row", "-3"),
+            ("min_turning_radius_m", "0"),
             ("resolution_m", "NaN"),
             ("label_dilation_m", "-1"),
         ] {

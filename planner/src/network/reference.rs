@@ -8,12 +8,15 @@ use std::collections::BTreeMap;
 use candle_core::{DType, Device, Result, Tensor, Var};
 
 use super::engine::spatial::{FAR, NEAR, bilinear_lines};
-use super::graph::{Activation, BufferId, Conv, Graph, INPUT_PLANES, NORM_EPSILON, Norm, Op};
+use super::graph::{
+    Activation, Architecture, BufferId, Conv, Graph, INPUT_PLANES, NORM_EPSILON, Norm, Op,
+};
 use super::parameters::Parameters;
 
 /// The network with its parameters as candle variables.
 #[derive(Debug)]
 pub struct Reference {
+    architecture: Architecture,
     tensors: BTreeMap<(bool, usize), Var>,
     device: Device,
     precision: DType,
@@ -25,7 +28,8 @@ impl Reference {
     /// # Errors
     /// Candle's, if the device has no memory for it.
     pub fn new(parameters: &Parameters, device: &Device, precision: DType) -> Result<Self> {
-        let graph = Graph::enet(8, 8);
+        let architecture = parameters.architecture();
+        let graph = Graph::new(architecture, (8, 8));
         let mut tensors = BTreeMap::new();
         for (tensor, (_, shape, values)) in graph.tensors.iter().zip(parameters.tensors()) {
             let value = Tensor::from_slice(values, shape, device)?.to_dtype(precision)?;
@@ -33,6 +37,7 @@ impl Reference {
             tensors.insert(key, Var::from_tensor(&value)?);
         }
         Ok(Self {
+            architecture,
             tensors,
             device: device.clone(),
             precision,
@@ -48,19 +53,28 @@ impl Reference {
     /// The logits of a batch. With `training` the batch's own statistics normalise, without dropout.
     ///
     /// # Shapes
-    /// `input`: batch × 3 × rows × cols, sides multiples of 8; result: batch × 1 × rows × cols.
+    /// `input`: batch × 3 × rows × cols, sides multiples of 8; `features`: batch × 20 × rows / 8 ×
+    /// cols / 8, for `enet-shared` only; result: batch × 1 × rows × cols.
     ///
     /// # Errors
     /// Candle's, if the shape does not fit.
-    pub fn forward(&self, input: &Tensor, training: bool) -> Result<Tensor> {
+    pub fn forward(
+        &self,
+        input: &Tensor,
+        features: Option<&Tensor>,
+        training: bool,
+    ) -> Result<Tensor> {
         let (_, planes, rows, cols) = input.dims4()?;
         if planes != INPUT_PLANES || !rows.is_multiple_of(8) || !cols.is_multiple_of(8) {
             candle_core::bail!("input is {:?}, expected batch x 3 x 8n x 8m", input.shape());
         }
         let input = input.to_dtype(self.precision)?;
-        let graph = Graph::enet(rows, cols);
+        let graph = Graph::new(self.architecture, (rows, cols));
         let mut buffers: Vec<Option<Tensor>> = vec![None; graph.buffers.len()];
         buffers[Graph::INPUT] = Some(input);
+        if let (Some(goal), Some(features)) = (graph.goal, features) {
+            buffers[goal] = Some(features.to_dtype(self.precision)?);
+        }
         for op in &graph.ops {
             self.op(&graph, op, &mut buffers, training)?;
         }
@@ -103,6 +117,7 @@ impl Reference {
                 let value = get(buffers, x)?.broadcast_matmul(&cols)?;
                 (y, rows.broadcast_matmul(&value)?)
             }
+            Op::Add { a, b, y } => (y, (get(buffers, a)? + get(buffers, b)?)?),
             Op::Head { x, y, kernel, bias } => {
                 let raw = get(buffers, x)?;
                 let raw = raw.conv_transpose2d(self.trained_at(kernel)?, 0, 0, 2, 1)?;

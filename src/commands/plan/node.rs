@@ -55,11 +55,11 @@ pub(super) fn run(
 fn node_config(options: &PlanOptions, config: &Config) -> NodeConfig {
     let mut plan = config.plan;
     plan.speed_m_per_s = options.speed.unwrap_or(plan.speed_m_per_s);
-    plan.time_limit_ms = match (options.time_limit_ms, plan.time_limit_ms) {
-        (Some(limit_ms), _) => limit_ms,
-        (None, 0) => TIME_LIMIT_MS,
-        (None, limit_ms) => limit_ms,
-    };
+    let configured = Some(plan.time_limit_ms).filter(|&limit_ms| limit_ms > 0);
+    plan.time_limit_ms = options
+        .time_limit_ms
+        .or(configured)
+        .unwrap_or(TIME_LIMIT_MS);
     NodeConfig {
         vehicle_id: options.vehicle.clone(),
         vehicle: config.vehicle,

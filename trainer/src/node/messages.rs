@@ -3,7 +3,6 @@
 use swath_bridge::clock;
 use swath_bridge::msg::header::Header;
 use swath_bridge::msg::swath::{Evaluation, TrainStatus, Weights};
-use swath_planner::network::ARCHITECTURE;
 
 use super::{NodeConfig, NodeSummary};
 use crate::Report;
@@ -72,7 +71,7 @@ pub(super) fn weights(
         version,
         step: learner.progress().step,
         epoch: learner.progress().step / config.publish_every_steps.max(1),
-        architecture: ARCHITECTURE.to_owned(),
+        architecture: info.architecture.name().to_owned(),
         input_rows: side(rows),
         input_cols: side(cols),
         vehicle: info.vehicle.clone(),

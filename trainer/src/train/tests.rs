@@ -2,7 +2,11 @@
 
 use super::*;
 use crate::example::tests::{examples, examples_on, finer_spec, small_spec};
-use crate::source::Recorded;
+use crate::source::{Recorded, Source};
+use crate::{
+    BEST_FILE, CHECKPOINT_FILE, Observer, Run, ScoreReport, Summary, Unobserved, Validation,
+    WEIGHTS_FILE,
+};
 use swath_planner::network::InputSize;
 
 fn config() -> TrainConfig {
@@ -65,7 +69,7 @@ struct Killed<'a> {
 }
 
 impl Observer for Killed<'_> {
-    fn epoch_ended(&mut self, report: &EpochReport) {
+    fn scored(&mut self, report: &ScoreReport) {
         if report.epoch == self.after_epoch {
             let found = self.directory.join("found");
             std::fs::copy(self.directory.join(CHECKPOINT_FILE), found).unwrap();
@@ -152,11 +156,14 @@ fn a_run_leaves_its_newest_and_its_best_weights_in_a_directory_of_its_own() {
     let mut source = Recorded::new(examples(8), 1, true);
     let run = Run {
         source: &mut source,
-        validation: &examples(3),
+        validation: &[Validation {
+            name: "few".to_owned(),
+            examples: examples(3),
+        }],
         directory: Some(directory.clone()),
     };
     let summary = run.train(&mut learner, &mut Unobserved).unwrap();
-    let miou = summary.validation.unwrap().scores.total.miou();
+    let miou = summary.validation[0].1.scores.total.miou();
     assert!(learner.progress().best_miou.unwrap() >= miou);
     assert!(std::fs::read(directory.join(WEIGHTS_FILE)).unwrap() == learner.weights());
     let best = std::fs::read(directory.join(BEST_FILE)).unwrap();
@@ -212,4 +219,28 @@ fn a_loss_that_is_no_number_stops_the_training_and_leaves_the_parameters() {
         Err(Error::Diverged { .. })
     ));
     assert_eq!(format!("{:?}", learner.parameters.values()[1]), before);
+}
+
+#[test]
+fn a_run_ends_when_the_scores_have_not_improved_for_long() {
+    let config = TrainConfig {
+        epochs: 1000,
+        base_rate: 1e-9,
+        score_every_steps: 1,
+        patience: 3,
+        ..config()
+    };
+    let mut learner = learner(&config);
+    let mut source = Recorded::new(examples(8), 1, true);
+    let run = Run {
+        source: &mut source,
+        validation: &[Validation {
+            name: "few".to_owned(),
+            examples: examples(3),
+        }],
+        directory: None,
+    };
+    assert!(run.train(&mut learner, &mut Unobserved).unwrap().complete);
+    assert!(learner.progress().since_best == 3);
+    assert!(learner.progress().step < 2000);
 }

@@ -5,7 +5,7 @@ use super::kernel::channelwise::{Affine, apply, pattern};
 use super::kernel::{Epilogue, Gather, Isa, Table, gather};
 use super::slots::{self, Slots};
 use super::spatial;
-use super::tables::{pack_forward, tables};
+use super::tables::{Tables, pack_forward, tables};
 use super::training::{inverse_deviation, slopes};
 use crate::network::graph::{BufferId, Conv, Extent, Graph, Norm, Op};
 use crate::network::parameters::Parameters;
@@ -13,15 +13,27 @@ use std::sync::Arc;
 
 /// A network with its parameters, ready to run. It is shared between threads, each of which has its
 /// own [`Workspace`].
+///
+/// What does not depend on a goal is computed once a map, see [`Self::see_map`]; for `enet` that is
+/// nothing, and its input planes belong to the goal.
 #[derive(Debug)]
 pub(crate) struct Inference {
     isa: Isa,
     buffers: Vec<Extent>,
+    /// The input of the goal's part.
+    goal: BufferId,
+    map_part: Part,
+    goal_part: Part,
+}
+
+/// Steps that run one after the other, and where they keep their buffers.
+#[derive(Debug, Default)]
+struct Part {
     steps: Vec<Step>,
     slots: Slots,
 }
 
-/// The memory of one image's pass.
+/// The memory of one pass.
 #[derive(Debug, Default)]
 pub(crate) struct Workspace {
     memory: Vec<Vec<f32>>,
@@ -49,6 +61,11 @@ enum Step {
         x: BufferId,
         y: BufferId,
     },
+    Add {
+        a: BufferId,
+        b: BufferId,
+        y: BufferId,
+    },
     Head {
         x: BufferId,
         y: BufferId,
@@ -74,82 +91,106 @@ struct Fused {
 impl Inference {
     /// A network for inputs of `rows` × `cols`, both multiples of
     /// [`SIDE_MULTIPLE`](crate::network::SIDE_MULTIPLE).
-    pub(crate) fn new(isa: Isa, (rows, cols): (usize, usize), parameters: &Parameters) -> Self {
-        let graph = Graph::enet(rows, cols);
-        let mut steps = Vec::new();
+    pub(crate) fn new(isa: Isa, size: (usize, usize), parameters: &Parameters) -> Self {
+        let graph = Graph::new(parameters.architecture(), size);
         let mut tables = tables(&graph).into_iter();
-        let mut ops = graph.ops.iter().peekable();
-        while let Some(op) = ops.next() {
-            steps.push(match *op {
-                Op::Conv(conv) => {
-                    let norm = ops.next_if_map(|next| match next {
-                        Op::Norm(norm) if norm.x == conv.y => Ok(*norm),
-                        other => Err(other),
-                    });
-                    let table = tables.next().expect("one for each convolution").forward;
-                    let fused = Fused::new(isa, (&conv, norm), (&graph, table), parameters);
-                    Step::Conv(Box::new(fused))
-                }
-                Op::Norm(norm) => Step::Affine {
-                    x: norm.x,
-                    y: norm.y,
-                    affine: Box::new(affine(&norm, parameters)),
-                },
-                Op::PoolInput { x, y, offset } => Step::PoolInput { x, y, offset },
-                Op::Pool { x, y } => Step::Pool { x, y },
-                Op::Upsample { x, y } => Step::Upsample { x, y },
-                Op::Head { x, y, kernel, bias } => Step::Head {
-                    x,
-                    y,
-                    kernel: parameters.values()[kernel..][..graph.buffers[x].channels * 4].to_vec(),
-                    bias: parameters.values()[bias],
-                },
-            });
-        }
+        let (of_map, of_goal) = graph.ops.split_at(graph.map_ops);
+        let mut steps =
+            |ops: &[Op]| -> Vec<Step> { steps(isa, ops, &graph, &mut tables, parameters) };
+        let (of_map, of_goal) = (steps(of_map), steps(of_goal));
+        let is_map = |buffer: BufferId| {
+            let written = of_map.iter().any(|step| step.buffers().2 == buffer);
+            written || (buffer == Graph::INPUT && !of_map.is_empty())
+        };
+        let is_kept = |buffer: BufferId| read_by(&of_goal, buffer);
+        let map_slots = slots_of(&graph.buffers, &of_map, is_map, is_kept);
+        let goal_slots = slots_of(
+            &graph.buffers,
+            &of_goal,
+            |buffer| !is_map(buffer),
+            |_| false,
+        );
         Self {
             isa,
-            slots: activation_slots(&graph.buffers, &steps),
+            goal: graph.goal.unwrap_or(Graph::INPUT),
+            map_part: Part {
+                slots: map_slots,
+                steps: of_map,
+            },
+            goal_part: Part {
+                slots: goal_slots,
+                steps: of_goal,
+            },
             buffers: graph.buffers,
-            steps,
         }
     }
 
-    /// Number of floats of the input: rows × cols × 3.
-    pub(crate) fn input_len(&self) -> usize {
-        self.buffers[Graph::INPUT].len()
-    }
-
-    /// The logits of one image, whose input `fill` writes.
+    /// Where the planes of a map are written before [`Self::see_map`].
     ///
     /// # Shapes
-    /// Input: rows × cols × 3, channels innermost; result: rows × cols.
-    pub(crate) fn run<'a>(
+    /// rows × cols × 3, channels innermost; empty if the network looks at no map without a goal.
+    pub(crate) fn planes<'a>(&self, map: &'a mut Workspace) -> &'a mut [f32] {
+        self.input(&self.map_part, Graph::INPUT, map)
+    }
+
+    /// Computes all that does not depend on a goal.
+    pub(crate) fn see_map(&self, map: &mut Workspace) {
+        self.run(&self.map_part, None, map);
+    }
+
+    /// Where the input of a goal is written before [`Self::see_goal`].
+    ///
+    /// # Shapes
+    /// rows × cols × 3 for `enet`, an eighth of them × features for `enet-shared`.
+    pub(crate) fn goal_input<'a>(&self, goal: &'a mut Workspace) -> &'a mut [f32] {
+        self.input(&self.goal_part, self.goal, goal)
+    }
+
+    /// The logits of a goal on the map that was seen.
+    ///
+    /// # Shapes
+    /// rows × cols.
+    pub(crate) fn see_goal<'a>(&self, map: &Workspace, goal: &'a mut Workspace) -> &'a [f32] {
+        self.run(&self.goal_part, Some(map), goal);
+        let last = self.buffers.len() - 1;
+        &goal.memory[slot(&self.goal_part, last)][..self.buffers[last].len()]
+    }
+
+    fn input<'a>(
         &self,
+        part: &Part,
+        buffer: BufferId,
         workspace: &'a mut Workspace,
-        fill: impl FnOnce(&mut [f32]),
-    ) -> &'a [f32] {
+    ) -> &'a mut [f32] {
         let memory = &mut workspace.memory;
-        memory.resize_with(self.slots.lens.len(), Vec::new);
-        for (slot, &len) in memory.iter_mut().zip(&self.slots.lens) {
+        memory.resize_with(part.slots.lens.len(), Vec::new);
+        for (slot, &len) in memory.iter_mut().zip(&part.slots.lens) {
             slot.resize(len.max(slot.len()), 0.0);
         }
-        fill(&mut memory[self.slot(Graph::INPUT)][..self.input_len()]);
-        for step in &self.steps {
-            let (_, _, y) = step.buffers();
-            let mut output = std::mem::take(&mut memory[self.slot(y)]);
-            self.step(step, memory, &mut output[..self.buffers[y].len()]);
-            memory[self.slot(y)] = output;
+        match part.slots.of_buffer.get(buffer).copied().flatten() {
+            Some(slot) => &mut memory[slot][..self.buffers[buffer].len()],
+            None => &mut [],
         }
-        let last = self.buffers.len() - 1;
-        &memory[self.slot(last)][..self.buffers[last].len()]
     }
 
-    fn slot(&self, buffer: BufferId) -> usize {
-        self.slots.of_buffer[buffer].expect("a buffer in use has a slot")
+    fn run(&self, part: &Part, map: Option<&Workspace>, workspace: &mut Workspace) {
+        for step in &part.steps {
+            let (_, _, y) = step.buffers();
+            let mut output = std::mem::take(&mut workspace.memory[slot(part, y)]);
+            let read = |buffer: BufferId| {
+                let memory = match (part.slots.of_buffer[buffer], map) {
+                    (Some(slot), _) => &workspace.memory[slot],
+                    (None, Some(map)) => &map.memory[slot(&self.map_part, buffer)],
+                    (None, None) => unreachable!("a map's steps read what they wrote"),
+                };
+                &memory[..self.buffers[buffer].len()]
+            };
+            self.step(step, read, &mut output[..self.buffers[y].len()]);
+            workspace.memory[slot(part, y)] = output;
+        }
     }
 
-    fn step(&self, step: &Step, memory: &[Vec<f32>], y: &mut [f32]) {
-        let read = |buffer: BufferId| &memory[self.slot(buffer)][..self.buffers[buffer].len()];
+    fn step<'a>(&self, step: &Step, read: impl Fn(BufferId) -> &'a [f32], y: &mut [f32]) {
         let (x_id, residual, y_id) = step.buffers();
         let (x, from, channels) = (read(x_id), self.buffers[x_id], self.buffers[y_id].channels);
         match step {
@@ -158,7 +199,7 @@ impl Inference {
                     Epilogue::Finish {
                         bias: &fused.bias,
                         slope: &fused.slope,
-                        residual: residual.map(read),
+                        residual: residual.map(&read),
                     }
                 } else {
                     Epilogue::Store
@@ -179,6 +220,11 @@ impl Inference {
             }
             Step::Pool { .. } => spatial::pool(x, from, y, channels),
             Step::Upsample { .. } => spatial::upsample(x, from, y),
+            Step::Add { b, .. } => {
+                for ((y, &a), &b) in y.iter_mut().zip(x).zip(read(*b)) {
+                    *y = a + b;
+                }
+            }
             Step::Head { kernel, bias, .. } => spatial::head(x, from, (kernel, *bias), y),
         }
     }
@@ -194,6 +240,7 @@ impl Step {
             | Self::Pool { x, y }
             | Self::Upsample { x, y }
             | Self::Head { x, y, .. } => (*x, None, *y),
+            Self::Add { a, b, y } => (*a, Some(*b), *y),
         }
     }
 }
@@ -250,11 +297,74 @@ fn affine(norm: &Norm, parameters: &Parameters) -> Affine {
     }
 }
 
-fn activation_slots(buffers: &[Extent], steps: &[Step]) -> Slots {
+fn slot(part: &Part, buffer: BufferId) -> usize {
+    part.slots.of_buffer[buffer].expect("a buffer in use has a slot")
+}
+
+/// Operations as steps, with normalisations folded into convolutions.
+fn steps(
+    isa: Isa,
+    ops: &[Op],
+    graph: &Graph,
+    tables: &mut dyn Iterator<Item = Tables>,
+    parameters: &Parameters,
+) -> Vec<Step> {
+    let mut steps = Vec::new();
+    let mut ops = ops.iter().peekable();
+    while let Some(op) = ops.next() {
+        steps.push(match *op {
+            Op::Conv(conv) => {
+                let norm = ops.next_if_map(|next| match next {
+                    Op::Norm(norm) if norm.x == conv.y => Ok(*norm),
+                    other => Err(other),
+                });
+                let table = tables.next().expect("one for each convolution").forward;
+                let fused = Fused::new(isa, (&conv, norm), (graph, table), parameters);
+                Step::Conv(Box::new(fused))
+            }
+            Op::Norm(norm) => Step::Affine {
+                x: norm.x,
+                y: norm.y,
+                affine: Box::new(affine(&norm, parameters)),
+            },
+            Op::PoolInput { x, y, offset } => Step::PoolInput { x, y, offset },
+            Op::Pool { x, y } => Step::Pool { x, y },
+            Op::Upsample { x, y } => Step::Upsample { x, y },
+            Op::Add { a, b, y } => Step::Add { a, b, y },
+            Op::Head { x, y, kernel, bias } => Step::Head {
+                x,
+                y,
+                kernel: parameters.values()[kernel..][..graph.buffers[x].channels * 4].to_vec(),
+                bias: parameters.values()[bias],
+            },
+        });
+    }
+    steps
+}
+
+/// Whether some step reads a buffer.
+fn read_by(steps: &[Step], buffer: BufferId) -> bool {
+    steps.iter().any(|step| {
+        let (x, other, _) = step.buffers();
+        x == buffer || other == Some(buffer)
+    })
+}
+
+/// Slots of a part's buffers. Those of another part have none; those that are to be kept keep theirs
+/// to the end.
+fn slots_of(
+    buffers: &[Extent],
+    steps: &[Step],
+    is_ours: impl Fn(BufferId) -> bool,
+    is_kept: impl Fn(BufferId) -> bool,
+) -> Slots {
     let mut uses: Vec<Option<(usize, usize)>> = vec![None; buffers.len()];
     let mut touch = |buffer: BufferId, at: usize| {
-        let (first, last) = uses[buffer].unwrap_or((at, at));
-        uses[buffer] = Some((first.min(at), last.max(at)));
+        if is_ours(buffer) {
+            let (first, last) = uses[buffer].unwrap_or((at, at));
+            let end = if is_kept(buffer) { steps.len() } else { at };
+            uses[buffer] = Some((first.min(at), last.max(end)));
+        }
     };
     for (at, step) in steps.iter().enumerate() {
         let (x, residual, y) = step.buffers();

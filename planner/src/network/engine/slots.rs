@@ -1,7 +1,7 @@
 //! Sharing of memory between buffers that are never needed at the same time.
 
 /// Which slot each buffer lives in, and how long the slots are.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub(super) struct Slots {
     /// Slot of each buffer; `None` for those that are never used.
     pub(super) of_buffer: Vec<Option<usize>>,

@@ -6,7 +6,7 @@ use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
 
 use super::{Dropout, Inference, Isa, Training, Workspace};
-use crate::network::graph::INPUT_PLANES;
+use crate::network::graph::{Architecture, GOAL_FEATURES, Graph, INPUT_PLANES};
 use crate::network::{Parameters, Reference};
 
 fn noise(seed: u64, len: usize, scale: f32) -> Vec<f32> {
@@ -17,8 +17,8 @@ fn noise(seed: u64, len: usize, scale: f32) -> Vec<f32> {
 }
 
 /// Parameters in which nothing is at its neutral initial value.
-fn varied(seed: u64) -> Parameters {
-    let mut parameters = Parameters::initial(seed);
+fn varied(architecture: Architecture, seed: u64) -> Parameters {
+    let mut parameters = Parameters::initial(architecture, seed);
     let len = parameters.values().len();
     for (value, noise) in parameters
         .values_mut()
@@ -35,10 +35,50 @@ fn varied(seed: u64) -> Parameters {
     parameters
 }
 
-/// batch × 3 × rows × cols from channels innermost.
-fn planes_first(input: &[f32], rows: usize, cols: usize) -> Tensor {
-    let batch = input.len() / (rows * cols * INPUT_PLANES);
-    Tensor::from_slice(input, (batch, rows, cols, INPUT_PLANES), &Device::Cpu)
+/// Inputs of a batch, as the engine takes them and as candle does.
+struct Batch {
+    inputs: Vec<f32>,
+    planes: Tensor,
+    features: Option<Tensor>,
+}
+
+impl Batch {
+    fn new(
+        architecture: Architecture,
+        (rows, cols): (usize, usize),
+        (images, seed): (usize, u64),
+    ) -> Self {
+        let len = Graph::new(architecture, (rows, cols)).input_len();
+        let inputs = noise(seed, images * len, 1.0);
+        let planes_len = rows * cols * INPUT_PLANES;
+        let part = |from: usize, to: usize| -> Vec<f32> {
+            let images = inputs.chunks_exact(len);
+            images.flat_map(|input| input[from..to].to_vec()).collect()
+        };
+        let planes = part(0, planes_len);
+        let shape = (images, rows, cols, INPUT_PLANES);
+        let features = (len > planes_len).then(|| {
+            let shape = (images, rows / 8, cols / 8, GOAL_FEATURES);
+            channels_first(&part(planes_len, len), shape)
+        });
+        Self {
+            planes: channels_first(&planes, shape),
+            features,
+            inputs,
+        }
+    }
+
+    fn reference(&self, parameters: &Parameters, training: bool) -> (Reference, Tensor) {
+        let reference = Reference::new(parameters, &Device::Cpu, DType::F64).unwrap();
+        let features = self.features.as_ref();
+        let logits = reference.forward(&self.planes, features, training).unwrap();
+        (reference, logits)
+    }
+}
+
+/// batch × channels × rows × cols from channels innermost.
+fn channels_first(values: &[f32], shape: (usize, usize, usize, usize)) -> Tensor {
+    Tensor::from_slice(values, shape, &Device::Cpu)
         .unwrap()
         .permute((0, 3, 1, 2))
         .unwrap()
@@ -64,10 +104,17 @@ fn farthest(a: &[f32], b: &[f32]) -> f32 {
 
 fn infer(isa: Isa, size: (usize, usize), parameters: &Parameters, image: &[f32]) -> Vec<f32> {
     let network = Inference::new(isa, size, parameters);
-    let mut workspace = Workspace::default();
-    network
-        .run(&mut workspace, |input| input.copy_from_slice(image))
-        .to_vec()
+    let (mut map, mut goal) = (Workspace::default(), Workspace::default());
+    let planes = network.planes(&mut map);
+    let (of_map, of_goal) = image.split_at(planes.len());
+    planes.copy_from_slice(of_map);
+    network.see_map(&mut map);
+    network.goal_input(&mut goal).copy_from_slice(of_goal);
+    network.see_goal(&map, &mut goal).to_vec()
+}
+
+fn architectures() -> impl Strategy<Value = Architecture> {
+    proptest::sample::select(Architecture::ALL.to_vec())
 }
 
 proptest! {
@@ -75,29 +122,28 @@ proptest! {
 
     #[test]
     fn inference_agrees_with_plain_candle_on_every_processor_path(
-        rows in 1usize..8, cols in 1usize..6, seed in 0u64..1000,
+        architecture in architectures(), rows in 1usize..8, cols in 1usize..6, seed in 0u64..1000,
     ) {
-        let (rows, cols) = (rows * 8, cols * 8);
-        let parameters = varied(seed);
-        let image = noise(seed + 2, rows * cols * INPUT_PLANES, 1.0);
-        let reference = Reference::new(&parameters, &Device::Cpu, DType::F64).unwrap();
-        let expected = flat(&reference.forward(&planes_first(&image, rows, cols), false).unwrap());
+        let size = (rows * 8, cols * 8);
+        let parameters = varied(architecture, seed);
+        let batch = Batch::new(architecture, size, (1, seed + 2));
+        let expected = flat(&batch.reference(&parameters, false).1);
         for &isa in Isa::available() {
-            let logits = infer(isa, (rows, cols), &parameters, &image);
+            let logits = infer(isa, size, &parameters, &batch.inputs);
             prop_assert!(farthest(&logits, &expected) <= 1e-4 * largest(&expected), "{:?}", isa);
         }
     }
 
     #[test]
     fn the_training_pass_and_its_gradients_agree_with_plain_candle(
-        rows in 3usize..6, cols in 3usize..5, batch in 2usize..8, seed in 0u64..1000,
+        architecture in architectures(),
+        rows in 3usize..6, cols in 3usize..5, images in 2usize..8, seed in 0u64..1000,
     ) {
-        let (rows, cols) = (rows * 8, cols * 8);
-        let parameters = decided(seed);
-        let input = noise(seed + 2, batch * rows * cols * INPUT_PLANES, 1.0);
-        let weights = noise(seed + 3, batch * rows * cols, 1.0);
-        let reference = Reference::new(&parameters, &Device::Cpu, DType::F64).unwrap();
-        let logits = reference.forward(&planes_first(&input, rows, cols), true).unwrap();
+        let size = (rows * 8, cols * 8);
+        let parameters = decided(architecture, seed);
+        let batch = Batch::new(architecture, size, (images, seed + 2));
+        let weights = noise(seed + 3, images * size.0 * size.1, 1.0);
+        let (reference, logits) = batch.reference(&parameters, true);
         let shape = logits.dims().to_vec();
         let weights_tensor = Tensor::from_slice(&weights, shape, &Device::Cpu).unwrap();
         let weights_tensor = weights_tensor.to_dtype(DType::F64).unwrap();
@@ -105,8 +151,8 @@ proptest! {
         let gradients = loss.backward().unwrap();
         let expected = flat(&logits);
         for &isa in Isa::available() {
-            let mut network = Training::with_isa(rows, cols, isa).unwrap();
-            let logits = network.forward(&parameters, &input, None).to_vec();
+            let mut network = Training::with_isa(architecture, size, isa).unwrap();
+            let logits = network.forward(&parameters, &batch.inputs, None).to_vec();
             prop_assert!(farthest(&logits, &expected) <= 2e-3 * largest(&expected), "{isa:?}");
             let mut gradient = vec![0.0; parameters.values().len()];
             network.backward(&parameters, &weights, &mut gradient);
@@ -124,9 +170,9 @@ proptest! {
 
 /// Parameters whose normalisations shift each channel well to one side of its activation's kink, so
 /// that rounding does not decide which slope counts; both slopes occur.
-fn decided(seed: u64) -> Parameters {
-    let mut parameters = varied(seed);
-    let shifts: Vec<usize> = crate::network::graph::Graph::enet(8, 8)
+fn decided(architecture: Architecture, seed: u64) -> Parameters {
+    let mut parameters = varied(architecture, seed);
+    let shifts: Vec<usize> = Graph::new(architecture, (8, 8))
         .tensors
         .iter()
         .filter(|tensor| tensor.name.ends_with("norm.bias"))
@@ -150,17 +196,23 @@ fn weighted_sum(logits: &[f32], weights: &[f32]) -> f64 {
 
 #[test]
 fn every_parameter_tensor_has_the_gradient_of_finite_differences() {
+    for architecture in Architecture::ALL {
+        gradients_are_finite_differences(architecture);
+    }
+}
+
+fn gradients_are_finite_differences(architecture: Architecture) {
     const STEP: f32 = 2e-3;
-    let (rows, cols, batch) = (32, 24, 3);
-    let parameters = decided(5);
+    let (size, images) = ((32, 24), 3);
+    let parameters = decided(architecture, 5);
     let dropout = Some(Dropout { seed: 1, pass: 2 });
-    let input = noise(6, batch * rows * cols * INPUT_PLANES, 1.0);
-    let weights = noise(7, batch * rows * cols, 1.0);
-    let mut network = Training::new(rows, cols).unwrap();
+    let input = Batch::new(architecture, size, (images, 6)).inputs;
+    let weights = noise(7, images * size.0 * size.1, 1.0);
+    let mut network = Training::new(architecture, size).unwrap();
     let mut gradient = vec![0.0; parameters.values().len()];
     network.forward(&parameters, &input, dropout);
     network.backward(&parameters, &weights, &mut gradient);
-    let graph = crate::network::graph::Graph::enet(8, 8);
+    let graph = Graph::new(architecture, (8, 8));
     for tensor in graph
         .tensors
         .iter()
@@ -195,10 +247,10 @@ fn every_parameter_tensor_has_the_gradient_of_finite_differences() {
 
 #[test]
 fn dropout_is_a_function_of_seed_and_pass_and_leaves_the_mean() {
-    let (rows, cols) = (16, 16);
-    let parameters = varied(1);
-    let input = noise(2, 4 * rows * cols * INPUT_PLANES, 1.0);
-    let mut network = Training::new(rows, cols).unwrap();
+    let (architecture, size) = (Architecture::EnetShared, (16, 16));
+    let parameters = varied(architecture, 1);
+    let input = Batch::new(architecture, size, (4, 2)).inputs;
+    let mut network = Training::new(architecture, size).unwrap();
     let mut with = |seed, pass| {
         let dropout = Some(Dropout { seed, pass });
         network.forward(&parameters, &input, dropout).to_vec()
@@ -211,17 +263,17 @@ fn dropout_is_a_function_of_seed_and_pass_and_leaves_the_mean() {
 
 #[test]
 fn results_do_not_depend_on_the_number_of_threads() {
-    let (rows, cols) = (24, 16);
-    let parameters = varied(4);
-    let input = noise(5, 5 * rows * cols * INPUT_PLANES, 1.0);
-    let weights = noise(6, 5 * rows * cols, 1.0);
+    let (architecture, size) = (Architecture::EnetShared, (24, 16));
+    let parameters = varied(architecture, 4);
+    let input = Batch::new(architecture, size, (5, 5)).inputs;
+    let weights = noise(6, 5 * size.0 * size.1, 1.0);
     let run = |threads: usize| {
         let pool = rayon::ThreadPoolBuilder::new()
             .num_threads(threads)
             .build()
             .unwrap();
         pool.install(|| {
-            let mut network = Training::new(rows, cols).unwrap();
+            let mut network = Training::new(architecture, size).unwrap();
             let mut gradient = vec![0.0; parameters.values().len()];
             let logits = network.forward(&parameters, &input, None).to_vec();
             network.backward(&parameters, &weights, &mut gradient);
@@ -233,23 +285,20 @@ fn results_do_not_depend_on_the_number_of_threads() {
 
 #[test]
 fn running_statistics_approach_those_of_the_batches() {
-    let (rows, cols) = (64, 48);
-    let mut parameters = varied(8);
-    let input = noise(9, 4 * rows * cols * INPUT_PLANES, 1.0);
-    let mut network = Training::new(rows, cols).unwrap();
-    let trained = network.forward(&parameters, &input, None).to_vec();
-    for _ in 0..100 {
-        network.forward(&parameters, &input, None);
-        network.update_running(&mut parameters);
+    for architecture in Architecture::ALL {
+        let size = (64, 48);
+        let mut parameters = varied(architecture, 8);
+        let input = Batch::new(architecture, size, (4, 9)).inputs;
+        let mut network = Training::new(architecture, size).unwrap();
+        let trained = network.forward(&parameters, &input, None).to_vec();
+        for _ in 0..100 {
+            network.forward(&parameters, &input, None);
+            network.update_running(&mut parameters);
+        }
+        let image = &input[..network.input_len()];
+        let logits = infer(Isa::detect(), size, &parameters, image);
+        let most = 1e-2 * largest(&trained);
+        let off = farthest(&logits, &trained[..size.0 * size.1]);
+        assert!(off <= most, "{architecture:?}: {off} > {most}");
     }
-    let image = rows * cols;
-    let logits = infer(
-        Isa::detect(),
-        (rows, cols),
-        &parameters,
-        &input[..image * INPUT_PLANES],
-    );
-    let most = 1e-2 * largest(&trained);
-    let off = farthest(&logits, &trained[..image]);
-    assert!(off <= most, "{off} > {most}");
 }

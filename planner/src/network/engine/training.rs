@@ -13,7 +13,7 @@ use rayon::prelude::*;
 use super::kernel::{Epilogue, Gather, Isa, KernelGradient, gather, kernel_gradient};
 use super::slots::{self, Slots};
 use super::tables::{Tables, pack_backward, pack_forward, tables, unpack_gradient};
-use crate::network::graph::{BufferId, Conv, Graph, Op};
+use crate::network::graph::{Architecture, BufferId, Conv, Graph, Op};
 use crate::network::parameters::Parameters;
 use norm::Statistics;
 pub(super) use norm::{inverse_deviation, slopes};
@@ -48,17 +48,21 @@ pub struct Training {
 impl Training {
     /// A network for inputs of `rows` × `cols`, both multiples of
     /// [`SIDE_MULTIPLE`](crate::network::SIDE_MULTIPLE), else `None`.
-    pub fn new(rows: usize, cols: usize) -> Option<Self> {
-        Self::with_isa(rows, cols, Isa::detect())
+    pub fn new(architecture: Architecture, size: (usize, usize)) -> Option<Self> {
+        Self::with_isa(architecture, size, Isa::detect())
     }
 
-    pub(super) fn with_isa(rows: usize, cols: usize, isa: Isa) -> Option<Self> {
+    pub(super) fn with_isa(
+        architecture: Architecture,
+        (rows, cols): (usize, usize),
+        isa: Isa,
+    ) -> Option<Self> {
         let multiple = crate::network::SIDE_MULTIPLE;
         let fits = |side: usize| side > 0 && side <= 4096 && side.is_multiple_of(multiple);
         if !fits(rows) || !fits(cols) {
             return None;
         }
-        let graph = Graph::enet(rows, cols);
+        let graph = Graph::new(architecture, (rows, cols));
         let norms = graph.ops.iter().filter(|op| matches!(op, Op::Norm(_)));
         Some(Self {
             statistics: vec![Statistics::default(); norms.count()],
@@ -74,9 +78,9 @@ impl Training {
         })
     }
 
-    /// Number of floats of one image's input: rows × cols × 3.
+    /// Number of floats of one image's input: rows × cols × 3, and the features of its goal.
     pub fn input_len(&self) -> usize {
-        self.graph.buffers[Graph::INPUT].len()
+        self.graph.input_len()
     }
 
     /// Number of logits of one image.
@@ -87,8 +91,8 @@ impl Training {
     /// The logits of a batch, normalised by the batch's own statistics.
     ///
     /// # Shapes
-    /// `input`: batch × rows × cols × 3 (channels innermost, a whole number of images);
-    /// result: batch × rows × cols.
+    /// `input`: batch × [`Self::input_len`], channels innermost, a whole number of images; result:
+    /// batch × rows × cols.
     pub fn forward(
         &mut self,
         parameters: &Parameters,
@@ -99,8 +103,16 @@ impl Training {
         for (buffer, extent) in self.activations.iter_mut().zip(&self.graph.buffers) {
             buffer.resize(self.batch * extent.len(), 0.0);
         }
-        let input_len = self.batch * self.input_len();
-        self.activations[Graph::INPUT].copy_from_slice(&input[..input_len]);
+        let planes_len = self.len(Graph::INPUT);
+        for (image, input) in input.chunks_exact(self.input_len()).enumerate() {
+            let (planes, features) = input.split_at(planes_len);
+            self.activations[Graph::INPUT][image * planes_len..][..planes_len]
+                .copy_from_slice(planes);
+            if let Some(goal) = self.graph.goal {
+                self.activations[goal][image * features.len()..][..features.len()]
+                    .copy_from_slice(features);
+            }
+        }
         let mut random = dropout.map(|dropout| {
             let mut random = ChaCha8Rng::seed_from_u64(dropout.seed);
             random.set_stream(dropout.pass);
@@ -239,7 +251,7 @@ impl Training {
             unpack_gradient(isa, (conv, y_channels), image, gradient);
         }
         self.partial = partial;
-        if conv.x != Graph::INPUT {
+        if !self.graph.is_input(conv.x) {
             pack_backward(isa, conv, parameters.values(), &mut self.packed);
             let mut dx = self.take_gradient(conv.x);
             let epilogue = if std::mem::replace(&mut written[conv.x], true) {
@@ -290,25 +302,13 @@ fn gradient_slots(graph: &Graph) -> Slots {
     };
     for (index, op) in graph.ops.iter().enumerate() {
         let step = steps - 1 - index;
-        match *op {
-            Op::Conv(Conv { x, y, .. })
-            | Op::PoolInput { x, y, .. }
-            | Op::Pool { x, y }
-            | Op::Upsample { x, y }
-            | Op::Head { x, y, .. } => {
-                touch(x, step);
-                touch(y, step);
-            }
-            Op::Norm(norm) => {
-                touch(norm.x, step);
-                touch(norm.y, step);
-                if let Some(residual) = norm.residual {
-                    touch(residual, step);
-                }
+        let (reads, writes) = op.buffers();
+        for buffer in reads.into_iter().chain([writes]) {
+            if !graph.is_input(buffer) {
+                touch(buffer, step);
             }
         }
     }
-    uses[Graph::INPUT] = None;
     let buffers = graph.buffers.iter().map(|extent| extent.len());
     slots::assign(&buffers.zip(uses).collect::<Vec<_>>())
 }

@@ -1,8 +1,10 @@
 //! Writes down ENet: blocks, bottlenecks, names of parameters.
 
+use std::ops::Range;
+
 use super::{
-    Activation, BufferId, Conv, Extent, Graph, INITIAL_CONVOLVED, INPUT_PLANES, Kind, Norm, Op,
-    SIDE_MULTIPLE, TensorSpec, Window,
+    Activation, BufferId, Conv, Extent, GOAL_FEATURES, Graph, INITIAL_CONVOLVED, INPUT_PLANES,
+    Kind, Norm, Op, SIDE_MULTIPLE, TensorSpec, Window,
 };
 
 /// Share of channels that the first stage drops in training.
@@ -12,37 +14,53 @@ const DROPOUT_LATE: f32 = 0.1;
 /// Channels of a block for one of its middle convolution.
 const REDUCTION: usize = 4;
 
+/// Channels that the features of a goal become before they are added to those of the map.
+const GOAL_HIDDEN: usize = 64;
+/// Bottlenecks of stage 3 that come before the goal.
+const MAP_BOTTLENECKS: usize = 4;
+
 impl Graph {
     /// ENet for inputs of `rows` × `cols`, both multiples of [`SIDE_MULTIPLE`].
     pub(crate) fn enet(rows: usize, cols: usize) -> Self {
-        debug_assert!(rows.is_multiple_of(SIDE_MULTIPLE) && cols.is_multiple_of(SIDE_MULTIPLE));
-        let mut builder = Builder::new(Extent {
-            rows,
-            cols,
-            channels: INPUT_PLANES,
-        });
+        let mut builder = Builder::new(rows, cols);
         let mut x = builder.initial();
-        x = builder.downsampling("stage1.0", x, 64, DROPOUT_EARLY);
-        for index in 1..=4 {
-            let plain = Style::encoder(DROPOUT_EARLY);
-            x = builder.bottleneck(&format!("stage1.{index}"), x, Middle::Plain, plain);
-        }
+        x = builder.stage1(x);
         x = builder.downsampling("stage2.0", x, 128, DROPOUT_LATE);
-        for stage in [2, 3] {
-            for (index, middle) in (1..).zip(Middle::STAGE) {
-                let style = Style::encoder(DROPOUT_LATE);
-                x = builder.bottleneck(&format!("stage{stage}.{index}"), x, middle, style);
-            }
-        }
+        x = builder.dilated_stage(2, x, 0..8);
+        x = builder.dilated_stage(3, x, 0..8);
         x = builder.upsampling("stage4.0", x, 64);
-        for index in 1..=2 {
-            let name = format!("stage4.{index}");
-            x = builder.bottleneck(&name, x, Middle::Plain, Style::DECODER);
-        }
+        x = builder.stage4(x);
         x = builder.upsampling("stage5.0", x, 16);
-        x = builder.bottleneck("stage5.1", x, Middle::Plain, Style::DECODER);
-        builder.head(x);
-        builder.graph
+        builder.finish(x)
+    }
+
+    /// ENet with the goal in its middle, for inputs of the same sizes.
+    pub(crate) fn enet_shared(rows: usize, cols: usize) -> Self {
+        let mut builder = Builder::new(rows, cols);
+        let goal = builder.buffer(Extent {
+            rows: rows / SIDE_MULTIPLE,
+            cols: cols / SIDE_MULTIPLE,
+            channels: GOAL_FEATURES,
+        });
+        builder.graph.goal = Some(goal);
+        let half = builder.initial();
+        let quarter = builder.stage1(half);
+        let mut x = builder.downsampling("stage2.0", quarter, 128, DROPOUT_LATE);
+        x = builder.dilated_stage(2, x, 0..8);
+        x = builder.dilated_stage(3, x, 0..MAP_BOTTLENECKS);
+        let quarter = builder.projection("stage4.map", quarter);
+        let half = builder.projection("stage5.map", half);
+        builder.graph.map_ops = builder.graph.ops.len();
+        let hidden = (GOAL_HIDDEN, Window::POINT);
+        let hidden = builder.unit("goal.hidden", goal, hidden, true);
+        x = builder.merge("goal", hidden, (128, x), Style::encoder(0.0));
+        x = builder.dilated_stage(3, x, MAP_BOTTLENECKS..8);
+        x = builder.upsampling("stage4.0", x, 64);
+        x = builder.add(x, quarter);
+        x = builder.stage4(x);
+        x = builder.upsampling("stage5.0", x, 16);
+        x = builder.add(x, half);
+        builder.finish(x)
     }
 }
 
@@ -94,12 +112,20 @@ struct Builder {
 }
 
 impl Builder {
-    fn new(input: Extent) -> Self {
+    fn new(rows: usize, cols: usize) -> Self {
+        debug_assert!(rows.is_multiple_of(SIDE_MULTIPLE) && cols.is_multiple_of(SIDE_MULTIPLE));
+        let input = Extent {
+            rows,
+            cols,
+            channels: INPUT_PLANES,
+        };
         Self {
             graph: Graph {
                 tensors: Vec::new(),
                 buffers: vec![input],
                 ops: Vec::new(),
+                map_ops: 0,
+                goal: None,
                 trained_len: 0,
                 running_len: 0,
             },
@@ -211,6 +237,49 @@ impl Builder {
         let raw = self.conv(&format!("{name}.conv"), x, outputs, window);
         let activation = self.activation(&format!("{name}.prelu"), outputs, prelu);
         self.norm(&format!("{name}.norm"), raw, None, (activation, 0.0))
+    }
+
+    fn stage1(&mut self, x: BufferId) -> BufferId {
+        let x = self.downsampling("stage1.0", x, 64, DROPOUT_EARLY);
+        (1..=4).fold(x, |x, index| {
+            let style = Style::encoder(DROPOUT_EARLY);
+            self.bottleneck(&format!("stage1.{index}"), x, Middle::Plain, style)
+        })
+    }
+
+    /// Those bottlenecks of stage 2 or 3, counted from 0.
+    fn dilated_stage(&mut self, stage: usize, x: BufferId, part: Range<usize>) -> BufferId {
+        part.fold(x, |x, index| {
+            let name = format!("stage{stage}.{}", index + 1);
+            self.bottleneck(&name, x, Middle::STAGE[index], Style::encoder(DROPOUT_LATE))
+        })
+    }
+
+    fn stage4(&mut self, x: BufferId) -> BufferId {
+        (1..=2).fold(x, |x, index| {
+            let name = format!("stage4.{index}");
+            self.bottleneck(&name, x, Middle::Plain, Style::DECODER)
+        })
+    }
+
+    fn finish(mut self, x: BufferId) -> Graph {
+        let x = self.bottleneck("stage5.1", x, Middle::Plain, Style::DECODER);
+        self.head(x);
+        self.graph
+    }
+
+    /// As many channels as before, mixed and normalised.
+    fn projection(&mut self, name: &str, x: BufferId) -> BufferId {
+        let channels = self.graph.buffers[x].channels;
+        let raw = self.conv(&format!("{name}.conv"), x, channels, Window::POINT);
+        let plain = (Activation::Identity, 0.0);
+        self.norm(&format!("{name}.norm"), raw, None, plain)
+    }
+
+    fn add(&mut self, a: BufferId, b: BufferId) -> BufferId {
+        let y = self.buffer(self.graph.buffers[a]);
+        self.graph.ops.push(Op::Add { a, b, y });
+        y
     }
 
     fn initial(&mut self) -> BufferId {

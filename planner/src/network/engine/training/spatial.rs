@@ -4,11 +4,14 @@ use rayon::prelude::*;
 
 use super::Training;
 use crate::network::engine::spatial;
-use crate::network::graph::Op;
+use crate::network::graph::{BufferId, Op};
 use crate::network::parameters::Parameters;
 
 impl Training {
     pub(super) fn spatial(&mut self, op: &Op, parameters: &Parameters) {
+        if let Op::Add { a, b, y } = *op {
+            return self.add(a, b, y);
+        }
         let (Op::PoolInput { x, y, .. }
         | Op::Pool { x, y }
         | Op::Upsample { x, y }
@@ -30,7 +33,7 @@ impl Training {
                 let kernel = &values[kernel..][..from.channels * 4];
                 spatial::head(x, from, (kernel, values[bias]), y);
             }
-            Op::Conv(_) | Op::Norm(_) => {}
+            Op::Conv(_) | Op::Norm(_) | Op::Add { .. } => {}
         });
         self.activations[y] = output;
     }
@@ -42,6 +45,9 @@ impl Training {
         written: &mut [bool],
         gradient: &mut [f32],
     ) {
+        if let Op::Add { a, b, y } = *op {
+            return self.add_backward(a, b, y, written);
+        }
         let (Op::Pool { x, y } | Op::Upsample { x, y } | Op::Head { x, y, .. }) = *op else {
             return;
         };
@@ -81,6 +87,29 @@ impl Training {
             }
         }
         self.give_gradient(x, dx);
+        self.give_gradient(y, dy);
+    }
+
+    fn add(&mut self, a: BufferId, b: BufferId, y: BufferId) {
+        let mut output = std::mem::take(&mut self.activations[y]);
+        let sums = self.activations[a].par_iter().zip(&self.activations[b]);
+        let sums = sums.zip(&mut output).with_min_len(1 << 14);
+        sums.for_each(|((a, b), y)| *y = a + b);
+        self.activations[y] = output;
+    }
+
+    fn add_backward(&mut self, a: BufferId, b: BufferId, y: BufferId, written: &mut [bool]) {
+        let dy = self.take_gradient(y);
+        for x in [a, b] {
+            let mut dx = self.take_gradient(x);
+            if std::mem::replace(&mut written[x], true) {
+                let both = dx.par_iter_mut().zip(&dy).with_min_len(1 << 14);
+                both.for_each(|(dx, dy)| *dx += dy);
+            } else {
+                dx.copy_from_slice(&dy);
+            }
+            self.give_gradient(x, dx);
+        }
         self.give_gradient(y, dy);
     }
 }

@@ -4,10 +4,8 @@
 use swath_bridge::Pose2;
 use swath_bridge::geometry::wrap_angle_rad;
 
-/// Longest part of a path between two poses of the result, metres.
-const STEP_M: f64 = 0.2;
-/// Longest path that is sampled, metres.
-const MAX_LENGTH_M: f64 = 10_000.0;
+/// Most steps of a path that is given.
+const MAX_POSES: f64 = 50_000.0;
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Turn {
@@ -50,13 +48,13 @@ impl Word {
     }
 }
 
-/// The shortest path from `from` to `to` with turns of at least `radius_m`, as poses at most 0.2 m
-/// apart; empty if an argument is not finite, the radius not positive or the way absurdly long.
+/// The shortest path from `from` to `to` with turns of at least `radius_m`, as poses at most `step_m`
+/// apart; empty if an argument is not finite, radius or step not positive or the way absurdly long.
 ///
 /// Of words of the same length the first in the order LSL, RSR, LSR, RSL, RLR, LRL is taken.
-pub fn shortest_path(from: &Pose2, to: &Pose2, radius_m: f64) -> Vec<Pose2> {
-    let valid = from.is_finite() && to.is_finite() && radius_m > 0.0 && radius_m.is_finite();
-    if !valid {
+pub fn shortest_path(from: &Pose2, to: &Pose2, radius_m: f64, step_m: f64) -> Vec<Pose2> {
+    let positive = |value: f64| value > 0.0 && value.is_finite();
+    if !(from.is_finite() && to.is_finite() && positive(radius_m) && positive(step_m)) {
         return Vec::new();
     }
     let there = from.inverse().then(to);
@@ -67,7 +65,9 @@ pub fn shortest_path(from: &Pose2, to: &Pose2, radius_m: f64) -> Vec<Pose2> {
         _ => Some(word),
     });
     match best {
-        Some(best) if best.length() * radius_m <= MAX_LENGTH_M => sample(from, &best, radius_m),
+        Some(best) if best.length() * radius_m <= MAX_POSES * step_m => {
+            sample(from, &best, radius_m, step_m)
+        }
         _ => Vec::new(),
     }
 }
@@ -127,12 +127,12 @@ fn positive_turn(angle_rad: f64) -> f64 {
     }
 }
 
-fn sample(from: &Pose2, word: &Word, radius_m: f64) -> Vec<Pose2> {
+fn sample(from: &Pose2, word: &Word, radius_m: f64, step_m: f64) -> Vec<Pose2> {
     let mut poses = vec![*from];
     let mut begin = *from;
     for (turn, length) in word.turns.iter().zip(word.lengths) {
         let length_m = length * radius_m;
-        let steps = (length_m / STEP_M).ceil().max(1.0);
+        let steps = (length_m / step_m).ceil().max(1.0);
         let mut done = 0.0;
         while done < steps {
             done += 1.0;
@@ -162,6 +162,8 @@ mod tests {
     use proptest::prelude::*;
     use std::f64::consts::{FRAC_PI_2, PI};
 
+    const STEP_M: f64 = 0.2;
+
     fn length_m(path: &[Pose2]) -> f64 {
         path.windows(2)
             .map(|pair| pair[0].distance_m(&pair[1]))
@@ -175,12 +177,12 @@ mod tests {
     #[test]
     fn known_paths_have_their_known_lengths() {
         let origin = Pose2::default();
-        let straight = shortest_path(&origin, &Pose2::new(20.0, 0.0, 0.0), 5.5);
+        let straight = shortest_path(&origin, &Pose2::new(20.0, 0.0, 0.0), 5.5, STEP_M);
         assert!((length_m(&straight) - 20.0).abs() < 1e-9);
         assert!(straight.iter().all(|pose| pose.y_m.abs() < 1e-9));
-        let quarter = shortest_path(&origin, &Pose2::new(5.0, 5.0, FRAC_PI_2), 5.0);
+        let quarter = shortest_path(&origin, &Pose2::new(5.0, 5.0, FRAC_PI_2), 5.0, STEP_M);
         assert!((length_m(&quarter) - 5.0 * FRAC_PI_2).abs() < 0.01);
-        let turn_round = shortest_path(&origin, &Pose2::new(0.0, 10.0, PI), 5.0);
+        let turn_round = shortest_path(&origin, &Pose2::new(0.0, 10.0, PI), 5.0, STEP_M);
         assert!((length_m(&turn_round) - 5.0 * PI).abs() < 0.02);
     }
 
@@ -189,16 +191,17 @@ mod tests {
         let about = Pose2::new(0.0, 0.0, PI);
         let three_arcs = length_of([Right, Left, Right], &about).unwrap();
         assert!((three_arcs - 7.0 * PI / 3.0).abs() < 1e-9);
-        let path = shortest_path(&Pose2::default(), &about, 1.0);
+        let path = shortest_path(&Pose2::default(), &about, 1.0, STEP_M);
         assert!((length_m(&path) - 7.0 * PI / 3.0).abs() < 0.1);
     }
 
     #[test]
     fn senseless_arguments_give_no_path() {
         let origin = Pose2::default();
-        assert!(shortest_path(&origin, &Pose2::new(f64::NAN, 0.0, 0.0), 5.0).is_empty());
-        assert!(shortest_path(&origin, &Pose2::new(1.0, 0.0, 0.0), 0.0).is_empty());
-        assert!(shortest_path(&origin, &Pose2::new(1e12, 0.0, 0.0), 5.0).is_empty());
+        assert!(shortest_path(&origin, &Pose2::new(f64::NAN, 0.0, 0.0), 5.0, STEP_M).is_empty());
+        assert!(shortest_path(&origin, &Pose2::new(1.0, 0.0, 0.0), 0.0, STEP_M).is_empty());
+        assert!(shortest_path(&origin, &Pose2::new(1e12, 0.0, 0.0), 5.0, STEP_M).is_empty());
+        assert!(shortest_path(&origin, &Pose2::new(1.0, 0.0, 0.0), 5.0, 0.0).is_empty());
     }
 
     proptest! {
@@ -208,7 +211,7 @@ mod tests {
         ) {
             let goal = Pose2::new(x, y, yaw);
             if let Some(word) = word(WORDS[index], &goal) {
-                let end = *sample(&Pose2::default(), &word, 1.0).last().unwrap();
+                let end = *sample(&Pose2::default(), &word, 1.0, STEP_M).last().unwrap();
                 prop_assert!(end.distance_m(&goal) < 1e-6, "{word:?}");
                 prop_assert!(wrap_angle_rad(end.yaw_rad - goal.yaw_rad).abs() < 1e-6);
             }
@@ -220,7 +223,7 @@ mod tests {
             from_yaw in -3.1..3.1f64, radius in 2.0..12.0f64,
         ) {
             let (from, to) = (Pose2::new(1.0, -2.0, from_yaw), Pose2::new(x, y, yaw));
-            let path = shortest_path(&from, &to, radius);
+            let path = shortest_path(&from, &to, radius, STEP_M);
             prop_assert_eq!(path[0], from);
             prop_assert!(path.last().unwrap().distance_m(&to) < 1e-6);
             for pair in path.windows(2) {
@@ -231,7 +234,7 @@ mod tests {
             }
             // Backwards in a mirror the same way is as long.
             let flipped = |pose: &Pose2| Pose2::new(pose.x_m, pose.y_m, wrap_angle_rad(pose.yaw_rad + PI));
-            let back = shortest_path(&flipped(&to), &flipped(&from), radius);
+            let back = shortest_path(&flipped(&to), &flipped(&from), radius, STEP_M);
             prop_assert!((length_m(&path) - length_m(&back)).abs() < 0.02 * length_m(&path) + 0.01);
             prop_assert!(length_m(&path) >= from.distance_m(&to) - 1e-9);
         }

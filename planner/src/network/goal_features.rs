@@ -1,0 +1,226 @@
+//! What `enet-shared` is told of a goal: where it lies from each pixel, and how the vehicle would
+//! drive there if nothing were in the way.
+//!
+//! The paper gives its network the target as one more plane of cells. A network that looks at the map
+//! only once needs more: relative coordinates, and since the labels are the shortest paths of a car,
+//! the course of the shortest path of a car in the open (L. Dubins, 1957), from which obstacles make
+//! it deviate.
+
+use swath_bridge::Pose2;
+
+use super::graph::GOAL_FEATURES;
+use crate::dubins::shortest_path;
+
+/// Distances along the drive are divided by this, metres.
+const LENGTH_SCALE_M: f32 = 40.0;
+/// Distances across the drive are divided by this, metres.
+const WIDTH_SCALE_M: f32 = 15.0;
+/// Widths of the two bells around the goal, metres.
+const GOAL_BELLS_M: [f32; 2] = [2.0, 8.0];
+/// Width of the bell around the vehicle, metres.
+const VEHICLE_BELL_M: f32 = 4.0;
+/// Width of the bell along the open drive, metres.
+const DRIVE_BELL_M: f32 = 1.5;
+/// Farthest distance from the open drive that is told, and its scale, metres.
+const DRIVE_REACH_M: f32 = 10.0;
+/// Distance between two poses of the open drive, metres.
+const DRIVE_STEP_M: f64 = 1.0;
+/// An open drive of more poses winds so far around that the straight line says more.
+const MAX_DRIVE_POSES: usize = 200;
+
+/// Where the pixels lie whose features are wanted.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Pixels {
+    pub(super) rows: usize,
+    pub(super) cols: usize,
+    /// Side of a pixel, metres.
+    pub(super) side_m: f64,
+    /// Centre of the first pixel in the vehicle frame, metres.
+    pub(super) first: (f64, f64),
+}
+
+/// A pose of the open drive.
+#[derive(Debug, Clone, Copy)]
+struct Station {
+    x_m: f32,
+    y_m: f32,
+    cos: f32,
+    sin: f32,
+}
+
+/// Writes the features of a goal for a vehicle that turns no tighter than `radius_m`.
+///
+/// # Shapes
+/// `features`: rows × cols × 20.
+#[expect(
+    clippy::cast_possible_truncation,
+    reason = "the network is of single precision"
+)]
+pub(super) fn write(pixels: &Pixels, goal: &Pose2, radius_m: f64, features: &mut [f32]) {
+    let drive = open_drive(goal, radius_m);
+    let (goal_x, goal_y) = (goal.x_m as f32, goal.y_m as f32);
+    let (sin, cos) = libm::sincos(goal.yaw_rad);
+    let (sin, cos) = (sin as f32, cos as f32);
+    let reach = libm::hypotf(goal_x, goal_y).max(1.0);
+    let length = drive.len() as f32 * DRIVE_STEP_M as f32;
+    let detour = (length / reach - 1.0).clamp(0.0, 3.0);
+    for (index, to) in features.chunks_exact_mut(GOAL_FEATURES).enumerate() {
+        let (row, col) = (index / pixels.cols, index % pixels.cols);
+        let x = (pixels.first.0 - row as f64 * pixels.side_m) as f32;
+        let y = (pixels.first.1 - col as f64 * pixels.side_m) as f32;
+        let (dx, dy) = (x - goal_x, y - goal_y);
+        let squared = dx * dx + dy * dy;
+        let nearest = nearest(&drive, x, y);
+        to.copy_from_slice(&[
+            (dx * cos + dy * sin) / LENGTH_SCALE_M,
+            (dy * cos - dx * sin) / WIDTH_SCALE_M,
+            squared.sqrt() / LENGTH_SCALE_M,
+            bell(squared, GOAL_BELLS_M[0]),
+            bell(squared, GOAL_BELLS_M[1]),
+            cos,
+            sin,
+            x / LENGTH_SCALE_M,
+            y / WIDTH_SCALE_M,
+            bell(x * x + y * y, VEHICLE_BELL_M),
+            goal_x / LENGTH_SCALE_M,
+            goal_y / WIDTH_SCALE_M,
+            // Beside and along the straight line from the vehicle to the goal.
+            (goal_x * y - goal_y * x) / (reach * WIDTH_SCALE_M),
+            ((goal_x * x + goal_y * y) / (reach * reach)).clamp(-1.0, 2.0),
+            nearest.across_m.clamp(-DRIVE_REACH_M, DRIVE_REACH_M) / DRIVE_REACH_M,
+            bell(nearest.squared, DRIVE_BELL_M),
+            nearest.station.cos,
+            nearest.station.sin,
+            nearest.at_m / LENGTH_SCALE_M,
+            detour,
+        ]);
+    }
+}
+
+/// The course in the open, or the straight line where that winds too much. Never empty.
+#[expect(
+    clippy::cast_possible_truncation,
+    reason = "the network is of single precision"
+)]
+fn open_drive(goal: &Pose2, radius_m: f64) -> Vec<Station> {
+    let origin = Pose2::default();
+    let mut poses = shortest_path(&origin, goal, radius_m, DRIVE_STEP_M);
+    if poses.is_empty() || poses.len() > MAX_DRIVE_POSES {
+        let yaw_rad = libm::atan2(goal.y_m, goal.x_m);
+        let reach_m = goal.distance_m(&origin);
+        let steps = (reach_m / DRIVE_STEP_M).ceil().clamp(1.0, 200.0);
+        let mut step = 0.0;
+        poses.clear();
+        while step <= steps {
+            let share = step / steps;
+            poses.push(Pose2::new(goal.x_m * share, goal.y_m * share, yaw_rad));
+            step += 1.0;
+        }
+    }
+    let station = |pose: &Pose2| {
+        let (sin, cos) = libm::sincos(pose.yaw_rad);
+        Station {
+            x_m: pose.x_m as f32,
+            y_m: pose.y_m as f32,
+            cos: cos as f32,
+            sin: sin as f32,
+        }
+    };
+    poses.iter().map(station).collect()
+}
+
+/// The place of the open drive that is nearest to a pixel.
+#[derive(Debug, Clone, Copy)]
+struct Nearest {
+    station: Station,
+    /// Square of the distance, m².
+    squared: f32,
+    /// To the left of the drive, metres.
+    across_m: f32,
+    /// Along the drive, metres.
+    at_m: f32,
+}
+
+fn nearest(drive: &[Station], x: f32, y: f32) -> Nearest {
+    let mut best = (f32::INFINITY, 0);
+    for (index, station) in drive.iter().enumerate() {
+        let (dx, dy) = (x - station.x_m, y - station.y_m);
+        let squared = dx * dx + dy * dy;
+        if squared < best.0 {
+            best = (squared, index);
+        }
+    }
+    let station = drive[best.1];
+    let (dx, dy) = (x - station.x_m, y - station.y_m);
+    Nearest {
+        station,
+        squared: best.0,
+        across_m: dy * station.cos - dx * station.sin,
+        at_m: best.1 as f32,
+    }
+}
+
+fn bell(squared: f32, width_m: f32) -> f32 {
+    libm::expf(-squared / (2.0 * width_m * width_m))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    const PIXELS: Pixels = Pixels {
+        rows: 26,
+        cols: 10,
+        side_m: 3.2,
+        first: (58.5, 13.5),
+    };
+
+    fn features(goal: &Pose2, radius_m: f64) -> Vec<f32> {
+        let mut features = vec![f32::NAN; PIXELS.rows * PIXELS.cols * GOAL_FEATURES];
+        write(&PIXELS, goal, radius_m, &mut features);
+        features
+    }
+
+    #[test]
+    fn straight_ahead_the_open_drive_is_the_line_to_the_goal() {
+        let features = features(&Pose2::new(30.0, 0.0, 0.0), 5.5);
+        for (index, of_pixel) in features.chunks_exact(GOAL_FEATURES).enumerate() {
+            let y = 13.5 - 3.2 * (index % PIXELS.cols) as f32;
+            assert!((of_pixel[12] - y / WIDTH_SCALE_M).abs() < 1e-5);
+            assert!((of_pixel[14] - y.clamp(-10.0, 10.0) / 10.0).abs() < 1e-5);
+            assert_eq!((of_pixel[16], of_pixel[17]), (1.0, 0.0));
+        }
+    }
+
+    #[test]
+    fn in_a_mirror_what_lies_across_changes_its_sign() {
+        let mirrored = Pixels {
+            first: (58.5, 3.2 * 9.0 - 13.5),
+            ..PIXELS
+        };
+        let straight = features(&Pose2::new(25.0, 6.0, 0.3), 7.0);
+        let mut other = vec![0.0; straight.len()];
+        write(&mirrored, &Pose2::new(25.0, -6.0, -0.3), 7.0, &mut other);
+        let odd = [1, 6, 8, 11, 12, 14, 17];
+        for (index, of_pixel) in straight.chunks_exact(GOAL_FEATURES).enumerate() {
+            let (row, col) = (index / PIXELS.cols, index % PIXELS.cols);
+            let at = (row * PIXELS.cols + PIXELS.cols - 1 - col) * GOAL_FEATURES;
+            for (feature, &value) in of_pixel.iter().enumerate() {
+                let sign = if odd.contains(&feature) { -1.0 } else { 1.0 };
+                let off = (sign * other[at + feature] - value).abs();
+                assert!(off < 1e-3, "feature {feature} at {row}, {col}: {off}");
+            }
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn features_are_finite_and_of_the_order_of_one(
+            x in -90.0..90.0f64, y in -40.0..40.0f64, yaw in -7.0..7.0f64, radius in 0.1..300.0f64,
+        ) {
+            let features = features(&Pose2::new(x, y, yaw), radius);
+            prop_assert!(features.iter().all(|value| value.abs() <= 12.0));
+        }
+    }
+}
