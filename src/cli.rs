@@ -70,6 +70,7 @@ pub(crate) enum Command {
     Generate(GenerateOptions),
     Train(TrainOptions),
     Evaluate(EvaluateOptions),
+    Export(ExportOptions),
     Plan(PlanOptions),
     Bench(BenchOptions),
     Bridge(BridgeOptions),
@@ -251,6 +252,19 @@ pub(crate) struct EvaluateOptions {
     /// Print JSON
     #[arg(long)]
     pub(crate) json: bool,
+}
+
+/// Write a network in the format of other runtimes.
+#[derive(Debug, Args)]
+#[command(after_help = "Example:
+  swath export --weights runs/first/best.safetensors --onnx network.onnx")]
+pub(crate) struct ExportOptions {
+    /// Weights to export
+    #[arg(long, value_name = "FILE")]
+    pub(crate) weights: PathBuf,
+    /// ONNX file to write
+    #[arg(long, value_name = "FILE")]
+    pub(crate) onnx: PathBuf,
 }
 
 /// Plan to targets: once on a map, or as a node on live grids.

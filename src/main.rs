@@ -31,6 +31,7 @@ fn run(cli: &Cli) -> Result<(), Failure> {
         Command::Generate(options) => commands::generate::run(options, network, &config),
         Command::Train(options) => commands::train::run(options, network, &config),
         Command::Evaluate(options) => commands::evaluate::run(options, &config),
+        Command::Export(options) => commands::export::run(options),
         Command::Plan(options) => commands::plan::run(options, network, &config),
         Command::Bench(options) => commands::bench::run(options, &config),
         Command::Bridge(options) => commands::bridge::run(&options.command, network, &config),

@@ -6,6 +6,7 @@ use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
 
 use super::{Dropout, Inference, Isa, Training, Workspace};
+use crate::network::autograd::one_image;
 use crate::network::graph::{Architecture, GOAL_FEATURES, Graph, INPUT_PLANES};
 use crate::network::{Parameters, Reference};
 
@@ -104,13 +105,11 @@ fn farthest(a: &[f32], b: &[f32]) -> f32 {
 
 fn infer(isa: Isa, size: (usize, usize), parameters: &Parameters, image: &[f32]) -> Vec<f32> {
     let network = Inference::new(isa, size, parameters);
-    let (mut map, mut goal) = (Workspace::default(), Workspace::default());
-    let planes = network.planes(&mut map);
-    let (of_map, of_goal) = image.split_at(planes.len());
-    planes.copy_from_slice(of_map);
-    network.see_map(&mut map);
-    network.goal_input(&mut goal).copy_from_slice(of_goal);
-    network.see_goal(&map, &mut goal).to_vec()
+    one_image(
+        &network,
+        (&mut Workspace::default(), &mut Workspace::default()),
+        image,
+    )
 }
 
 fn architectures() -> impl Strategy<Value = Architecture> {
