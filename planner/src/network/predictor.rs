@@ -148,14 +148,7 @@ pub struct Network {
     info: NetworkInfo,
     inference: Inference,
     maps: Mutex<Vec<Workspace>>,
-    goals: Mutex<Vec<Memory>>,
-}
-
-/// What one goal's prediction needs, reused from call to call.
-#[derive(Debug, Default)]
-struct Memory {
-    workspace: Workspace,
-    cells: Vec<f32>,
+    goals: Mutex<Vec<Workspace>>,
 }
 
 impl Network {
@@ -205,7 +198,7 @@ impl Network {
         goals: &[Pose2],
     ) -> Result<Vec<Plane>, Error> {
         let encoding = self.info.encoding();
-        self.each(surroundings, goals, |cells| encoding.region(cells))
+        self.each(surroundings, goals, |logits| encoding.region(logits))
     }
 
     /// The probability of each cell, row-major, to be in the region of the path to each goal.
@@ -217,11 +210,14 @@ impl Network {
         surroundings: &Surroundings<'_>,
         goals: &[Pose2],
     ) -> Result<Vec<Vec<f32>>, Error> {
-        self.each(surroundings, goals, |cells| {
+        let encoding = self.info.encoding();
+        self.each(surroundings, goals, |logits| {
+            let mut cells = vec![0.0; encoding.cells()];
+            encoding.decode(logits, &mut cells);
+            for cell in &mut cells {
+                *cell = 1.0 / (1.0 + libm::expf(-*cell));
+            }
             cells
-                .iter()
-                .map(|logit| 1.0 / (1.0 + libm::expf(-logit)))
-                .collect()
         })
     }
 
@@ -245,17 +241,14 @@ impl Network {
             self.inference.see_map(&mut map);
         }
         let predictions = goals.par_iter().map(|goal| {
-            let mut memory: Memory = take(&self.goals);
-            let input = self.inference.goal_input(&mut memory.workspace);
+            let mut memory = take(&self.goals);
+            let input = self.inference.goal_input(&mut memory);
             if shares_map {
                 encoding.encode_goal(surroundings, goal, input);
             } else {
                 encoding.encode_planes(surroundings, Some(goal), input)?;
             }
-            let logits = self.inference.see_goal(&map, &mut memory.workspace);
-            memory.cells.resize(encoding.cells(), 0.0);
-            encoding.decode(logits, &mut memory.cells);
-            let result = finish(&memory.cells);
+            let result = finish(self.inference.see_goal(&map, &mut memory));
             give(&self.goals, memory);
             Ok(result)
         });

@@ -2,7 +2,7 @@
 //! memory that is reused.
 
 use super::kernel::channelwise::{Affine, apply, pattern};
-use super::kernel::{Epilogue, Gather, Isa, Table, gather};
+use super::kernel::{Epilogue, Gather, Isa, Table, compiled_for, gather};
 use super::slots::{self, Slots};
 use super::spatial;
 use super::tables::{Tables, pack_forward, tables};
@@ -218,14 +218,22 @@ impl Inference {
             Step::PoolInput { offset, .. } => {
                 spatial::pool_input(x, from, y, (channels, *offset));
             }
-            Step::Pool { .. } => spatial::pool(x, from, y, channels),
-            Step::Upsample { .. } => spatial::upsample(x, from, y),
-            Step::Add { b, .. } => {
-                for ((y, &a), &b) in y.iter_mut().zip(x).zip(read(*b)) {
-                    *y = a + b;
-                }
+            Step::Pool { .. } => {
+                compiled_for(self.isa, || spatial::pool(x, from, y, channels));
             }
-            Step::Head { kernel, bias, .. } => spatial::head(x, from, (kernel, *bias), y),
+            Step::Upsample { .. } => compiled_for(self.isa, || spatial::upsample(x, from, y)),
+            Step::Add { b, .. } => {
+                let b = read(*b);
+                compiled_for(self.isa, || {
+                    for ((y, &a), &b) in y.iter_mut().zip(x).zip(b) {
+                        *y = a + b;
+                    }
+                });
+            }
+            Step::Head { kernel, bias, .. } => {
+                let parameters = (kernel.as_slice(), *bias);
+                compiled_for(self.isa, || spatial::head(x, from, parameters, y));
+            }
         }
     }
 }

@@ -1,4 +1,14 @@
+#![expect(
+    clippy::inline_always,
+    reason = "a loop must be compiled within the function that enables its instructions"
+)]
+
 //! Operations on one image that change its size: pooling, upsampling, the head.
+
+#![expect(
+    clippy::inline_always,
+    reason = "a loop must be compiled within the function that enables its instructions"
+)]
 
 use crate::network::graph::Extent;
 
@@ -24,6 +34,7 @@ pub(super) fn pool_input(
 }
 
 /// 2×2 mean; channels of `y` that `x` lacks become 0.
+#[inline(always)]
 pub(super) fn pool(x: &[f32], from: Extent, y: &mut [f32], channels: usize) {
     let (cols, len) = (from.cols / 2, from.channels);
     let line = from.cols * len;
@@ -75,20 +86,21 @@ pub(crate) const NEAR: f32 = 0.75;
 pub(crate) const FAR: f32 = 0.25;
 
 /// Bilinear to twice the size.
+#[inline(always)]
 pub(super) fn upsample(x: &[f32], from: Extent, y: &mut [f32]) {
     let len = from.channels;
-    let (rows, cols) = (from.rows * 2, from.cols * 2);
-    for row in 0..rows {
-        let (near_row, far_row) = bilinear_lines(row, from.rows);
-        for col in 0..cols {
+    let line = from.cols * len;
+    for (row, y) in y.chunks_exact_mut(2 * line).enumerate() {
+        let (near, far) = bilinear_lines(row, from.rows);
+        let (near, far) = (&x[near * line..][..line], &x[far * line..][..line]);
+        for (col, y) in y.chunks_exact_mut(len).enumerate() {
             let (near_col, far_col) = bilinear_lines(col, from.cols);
-            let pixel = |row: usize, col: usize| &x[(row * from.cols + col) * len..][..len];
-            let near = (pixel(near_row, near_col), pixel(near_row, far_col));
-            let far = (pixel(far_row, near_col), pixel(far_row, far_col));
-            let y = &mut y[(row * cols + col) * len..][..len];
-            for (channel, y) in y.iter_mut().enumerate() {
-                *y = NEAR * (NEAR * near.0[channel] + FAR * near.1[channel])
-                    + FAR * (NEAR * far.0[channel] + FAR * far.1[channel]);
+            let (near_at, far_at) = (near_col * len, far_col * len);
+            let (a, b) = (&near[near_at..][..len], &near[far_at..][..len]);
+            let (c, d) = (&far[near_at..][..len], &far[far_at..][..len]);
+            for channel in 0..len {
+                y[channel] = NEAR * (NEAR * a[channel] + FAR * b[channel])
+                    + FAR * (NEAR * c[channel] + FAR * d[channel]);
             }
         }
     }
@@ -119,16 +131,22 @@ pub(super) fn upsample_backward(dy: &[f32], dx: &mut [f32], from: Extent) {
 ///
 /// # Shapes
 /// `kernel`: channels × 4, the four places of the 2×2 block beside each other.
+#[inline(always)]
 pub(super) fn head(x: &[f32], from: Extent, (kernel, bias): (&[f32], f32), y: &mut [f32]) {
-    for (pixel, x) in x.chunks_exact(from.channels).enumerate() {
-        let mut sums = [bias; 4];
-        for (&x, kernel) in x.iter().zip(kernel.chunks_exact(4)) {
-            for (sum, &weight) in sums.iter_mut().zip(kernel) {
-                *sum += x * weight;
+    let lines = x.chunks_exact(from.cols * from.channels);
+    for (x, y) in lines.zip(y.chunks_exact_mut(4 * from.cols)) {
+        let (top, bottom) = y.split_at_mut(2 * from.cols);
+        let pixels = x.chunks_exact(from.channels);
+        let corners = top.chunks_exact_mut(2).zip(bottom.chunks_exact_mut(2));
+        for (x, (top, bottom)) in pixels.zip(corners) {
+            let mut sums = [bias; 4];
+            for (&x, kernel) in x.iter().zip(kernel.chunks_exact(4)) {
+                for (sum, &weight) in sums.iter_mut().zip(kernel) {
+                    *sum += x * weight;
+                }
             }
-        }
-        for (corner, sum) in sums.into_iter().enumerate() {
-            y[head_place(pixel, corner, from.cols)] = sum;
+            top.copy_from_slice(&sums[..2]);
+            bottom.copy_from_slice(&sums[2..]);
         }
     }
 }

@@ -54,6 +54,12 @@ impl Tables {
             (input, output)
         };
         let taps = window.taps();
+        // Pixels that lie a stride apart are reached by the same taps.
+        let places = in_phases(from, window.stride);
+        let mut counted: Vec<usize> = (0..from.pixels()).collect();
+        for (index, &place) in places.iter().enumerate() {
+            counted[place as usize] = index;
+        }
         let mut sources = vec![OUTSIDE; to.pixels() * taps];
         let mut targets = vec![OUTSIDE; from.pixels() * taps];
         for row in 0..to.rows {
@@ -63,13 +69,13 @@ impl Tables {
                     let Some(source) = source_of(window, from, (row, col), tap) else {
                         continue;
                     };
-                    sources[pixel * taps + tap] = index(source);
-                    targets[source * taps + tap] = index(pixel);
+                    sources[tap * to.pixels() + pixel] = index(source);
+                    targets[tap * from.pixels() + counted[source]] = index(pixel);
                 }
             }
         }
-        let gathering = Arc::new(Table::new(taps, from.pixels(), sources));
-        let scattering = Arc::new(Table::new(taps, to.pixels(), targets));
+        let gathering = Arc::new(Table::new(taps, from.pixels(), sources, Vec::new()));
+        let scattering = Arc::new(Table::new(taps, to.pixels(), targets, places));
         if window.transposed {
             Self {
                 forward: scattering,
@@ -82,6 +88,23 @@ impl Tables {
             }
         }
     }
+}
+
+/// The pixels of an image, those first whose row and column are multiples of the stride, and so on;
+/// none for the order in which they lie.
+fn in_phases(extent: Extent, stride: usize) -> Vec<u32> {
+    if stride == 1 {
+        return Vec::new();
+    }
+    let mut places = Vec::with_capacity(extent.pixels());
+    for phase in 0..stride * stride {
+        for row in (phase / stride..extent.rows).step_by(stride) {
+            for col in (phase % stride..extent.cols).step_by(stride) {
+                places.push(index(row * extent.cols + col));
+            }
+        }
+    }
+    places
 }
 
 fn index(pixel: usize) -> u32 {

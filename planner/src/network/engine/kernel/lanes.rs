@@ -19,6 +19,10 @@ pub(super) trait Lanes {
     unsafe fn mul_add(a: Self::V, b: Self::V, c: Self::V) -> Self::V;
     /// `z` where it is at least 0, else `slope * z`.
     unsafe fn leak(z: Self::V, slope: Self::V) -> Self::V;
+    /// Four floats again and again.
+    unsafe fn load_quad(from: *const f32) -> Self::V;
+    /// In each group of four floats, the one of this number four times.
+    unsafe fn spread<const LANE: i32>(value: Self::V) -> Self::V;
 }
 
 /// Plain arrays, which the compiler puts into whatever registers there are.
@@ -70,6 +74,17 @@ impl<const N: usize> Lanes for Portable<N> {
             }
         })
     }
+
+    #[inline(always)]
+    unsafe fn load_quad(from: *const f32) -> [f32; N] {
+        // SAFETY: the caller has four floats there.
+        std::array::from_fn(|lane| unsafe { *from.add(lane % 4) })
+    }
+
+    #[inline(always)]
+    unsafe fn spread<const LANE: i32>(value: [f32; N]) -> [f32; N] {
+        std::array::from_fn(|lane| value[lane / 4 * 4 + LANE as usize])
+    }
 }
 
 #[cfg(target_arch = "x86_64")]
@@ -80,11 +95,12 @@ mod x86 {
     use super::Lanes;
     use std::arch::x86_64::{
         __m128, __m256, __m512, _CMP_GE_OQ, _mm_add_ps, _mm_blendv_ps, _mm_cmpge_ps, _mm_fmadd_ps,
-        _mm_loadu_ps, _mm_mul_ps, _mm_set1_ps, _mm_setzero_ps, _mm_storeu_ps, _mm256_add_ps,
-        _mm256_blendv_ps, _mm256_cmp_ps, _mm256_fmadd_ps, _mm256_loadu_ps, _mm256_mul_ps,
-        _mm256_set1_ps, _mm256_setzero_ps, _mm256_storeu_ps, _mm512_add_ps, _mm512_cmp_ps_mask,
-        _mm512_fmadd_ps, _mm512_loadu_ps, _mm512_mask_mov_ps, _mm512_mul_ps, _mm512_set1_ps,
-        _mm512_setzero_ps, _mm512_storeu_ps,
+        _mm_loadu_ps, _mm_mul_ps, _mm_permute_ps, _mm_set1_ps, _mm_setzero_ps, _mm_storeu_ps,
+        _mm256_add_ps, _mm256_blendv_ps, _mm256_cmp_ps, _mm256_fmadd_ps, _mm256_loadu_ps,
+        _mm256_mul_ps, _mm256_permute_ps, _mm256_set_m128, _mm256_set1_ps, _mm256_setzero_ps,
+        _mm256_storeu_ps, _mm512_add_ps, _mm512_broadcast_f32x4, _mm512_cmp_ps_mask,
+        _mm512_fmadd_ps, _mm512_loadu_ps, _mm512_mask_mov_ps, _mm512_mul_ps, _mm512_permute_ps,
+        _mm512_set1_ps, _mm512_setzero_ps, _mm512_storeu_ps,
     };
 
     /// Four floats with fused multiply-add, for the few layers of four channels.
@@ -96,7 +112,7 @@ mod x86 {
 
     macro_rules! lanes {
         ($name:ident, $n:literal, $v:ty, $set1:ident, $load:ident, $store:ident, $add:ident,
-         $fmadd:ident, $leak:expr) => {
+         $fmadd:ident, $leak:expr, $quad:expr, $permute:ident) => {
             impl Lanes for $name {
                 const N: usize = $n;
                 type V = $v;
@@ -136,6 +152,25 @@ mod x86 {
                     // SAFETY: the caller vouches for the instruction set.
                     unsafe { $leak(z, slope) }
                 }
+
+                #[inline(always)]
+                unsafe fn load_quad(from: *const f32) -> $v {
+                    // SAFETY: the caller vouches for the instruction set and the floats.
+                    unsafe { $quad(_mm_loadu_ps(from)) }
+                }
+
+                #[inline(always)]
+                unsafe fn spread<const LANE: i32>(value: $v) -> $v {
+                    // SAFETY: the caller vouches for the instruction set.
+                    unsafe {
+                        match LANE {
+                            0 => $permute::<0b00_00_00_00>(value),
+                            1 => $permute::<0b01_01_01_01>(value),
+                            2 => $permute::<0b10_10_10_10>(value),
+                            _ => $permute::<0b11_11_11_11>(value),
+                        }
+                    }
+                }
             }
         };
     }
@@ -149,7 +184,9 @@ mod x86 {
         _mm_storeu_ps,
         _mm_add_ps,
         _mm_fmadd_ps,
-        |z, slope| _mm_blendv_ps(_mm_mul_ps(z, slope), z, _mm_cmpge_ps(z, _mm_setzero_ps()))
+        |z, slope| _mm_blendv_ps(_mm_mul_ps(z, slope), z, _mm_cmpge_ps(z, _mm_setzero_ps())),
+        |quad| quad,
+        _mm_permute_ps
     );
     lanes!(
         Avx,
@@ -164,7 +201,9 @@ mod x86 {
             _mm256_mul_ps(z, slope),
             z,
             _mm256_cmp_ps::<_CMP_GE_OQ>(z, _mm256_setzero_ps())
-        )
+        ),
+        |quad| _mm256_set_m128(quad, quad),
+        _mm256_permute_ps
     );
     lanes!(
         Avx512,
@@ -179,6 +218,8 @@ mod x86 {
             _mm512_mul_ps(z, slope),
             _mm512_cmp_ps_mask::<_CMP_GE_OQ>(z, _mm512_setzero_ps()),
             z
-        )
+        ),
+        _mm512_broadcast_f32x4,
+        _mm512_permute_ps
     );
 }

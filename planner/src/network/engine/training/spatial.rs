@@ -3,6 +3,7 @@
 use rayon::prelude::*;
 
 use super::Training;
+use crate::network::engine::kernel::compiled_for;
 use crate::network::engine::spatial;
 use crate::network::graph::{BufferId, Op};
 use crate::network::parameters::Parameters;
@@ -21,17 +22,18 @@ impl Training {
         };
         let (from, channels) = (self.graph.buffers[x], self.graph.buffers[y].channels);
         let (x_len, y_len) = (self.len(x), self.len(y));
+        let isa = self.isa;
         let mut output = std::mem::take(&mut self.activations[y]);
         let images = self.activations[x].par_chunks_exact(x_len);
         let images = images.zip(output.par_chunks_exact_mut(y_len));
         images.for_each(|(x, y)| match *op {
             Op::PoolInput { offset, .. } => spatial::pool_input(x, from, y, (channels, offset)),
-            Op::Pool { .. } => spatial::pool(x, from, y, channels),
-            Op::Upsample { .. } => spatial::upsample(x, from, y),
+            Op::Pool { .. } => compiled_for(isa, || spatial::pool(x, from, y, channels)),
+            Op::Upsample { .. } => compiled_for(isa, || spatial::upsample(x, from, y)),
             Op::Head { kernel, bias, .. } => {
                 let values = parameters.values();
                 let kernel = &values[kernel..][..from.channels * 4];
-                spatial::head(x, from, (kernel, values[bias]), y);
+                compiled_for(isa, || spatial::head(x, from, (kernel, values[bias]), y));
             }
             Op::Conv(_) | Op::Norm(_) | Op::Add { .. } => {}
         });
