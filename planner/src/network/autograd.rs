@@ -287,7 +287,7 @@ pub(super) fn one_image(
     planes.copy_from_slice(of_map);
     network.see_map(map);
     network.goal_input(goal).copy_from_slice(of_goal);
-    network.see_goal(map, goal).to_vec()
+    network.see_goal(map, goal, false).to_vec()
 }
 
 #[cfg(test)]

@@ -240,6 +240,7 @@ impl Network {
             encoding.encode_planes(surroundings, None, planes)?;
             self.inference.see_map(&mut map);
         }
+        let alone = goals.len() == 1;
         let predictions = goals.par_iter().map(|goal| {
             let mut memory = take(&self.goals);
             let input = self.inference.goal_input(&mut memory);
@@ -248,7 +249,7 @@ impl Network {
             } else {
                 encoding.encode_planes(surroundings, Some(goal), input)?;
             }
-            let result = finish(self.inference.see_goal(&map, &mut memory));
+            let result = finish(self.inference.see_goal(&map, &mut memory, alone));
             give(&self.goals, memory);
             Ok(result)
         });

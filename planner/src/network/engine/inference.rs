@@ -2,7 +2,9 @@
 //! memory that is reused.
 
 use super::kernel::channelwise::{Affine, apply, pattern};
-use super::kernel::{Epilogue, Gather, Isa, Table, compiled_for, gather};
+use super::kernel::{
+    Assistant, Epilogue, Gather, Isa, Table, compiled_for, gather, with_assistant,
+};
 use super::slots::{self, Slots};
 use super::spatial;
 use super::tables::{Tables, pack_forward, tables};
@@ -10,6 +12,11 @@ use super::training::{inverse_deviation, slopes};
 use crate::network::graph::{BufferId, Conv, Extent, Graph, Norm, Op};
 use crate::network::parameters::Parameters;
 use std::sync::Arc;
+
+/// Multiplications from which on a convolution is split between two cores.
+const WORTH_SPLITTING: usize = 150_000;
+/// A convolution is split at a multiple of so many pixels.
+const SPLIT_AT: usize = 20;
 
 /// A network with its parameters, ready to run. It is shared between threads, each of which has its
 /// own [`Workspace`].
@@ -86,6 +93,7 @@ struct Fused {
     bias: Vec<f32>,
     slope: Vec<f32>,
     finish: bool,
+    can_be_split: bool,
 }
 
 impl Inference {
@@ -135,7 +143,9 @@ impl Inference {
 
     /// Computes all that does not depend on a goal.
     pub(crate) fn see_map(&self, map: &mut Workspace) {
-        self.run(&self.map_part, None, map);
+        if !self.map_part.steps.is_empty() {
+            with_assistant(|assistant| self.run(&self.map_part, None, (map, Some(assistant))));
+        }
     }
 
     /// Where the input of a goal is written before [`Self::see_goal`].
@@ -146,12 +156,23 @@ impl Inference {
         self.input(&self.goal_part, self.goal, goal)
     }
 
-    /// The logits of a goal on the map that was seen.
+    /// The logits of a goal on the map that was seen. `together`: all cores work on this goal.
     ///
     /// # Shapes
     /// rows × cols.
-    pub(crate) fn see_goal<'a>(&self, map: &Workspace, goal: &'a mut Workspace) -> &'a [f32] {
-        self.run(&self.goal_part, Some(map), goal);
+    pub(crate) fn see_goal<'a>(
+        &self,
+        map: &Workspace,
+        goal: &'a mut Workspace,
+        together: bool,
+    ) -> &'a [f32] {
+        if together {
+            with_assistant(|assistant| {
+                self.run(&self.goal_part, Some(map), (&mut *goal, Some(assistant)));
+            });
+        } else {
+            self.run(&self.goal_part, Some(map), (&mut *goal, None));
+        }
         let last = self.buffers.len() - 1;
         &goal.memory[slot(&self.goal_part, last)][..self.buffers[last].len()]
     }
@@ -173,7 +194,13 @@ impl Inference {
         }
     }
 
-    fn run(&self, part: &Part, map: Option<&Workspace>, workspace: &mut Workspace) {
+    /// Runs a part, with an assistant if the other cores have nothing else to do.
+    fn run(
+        &self,
+        part: &Part,
+        map: Option<&Workspace>,
+        (workspace, assistant): (&mut Workspace, Option<&Assistant>),
+    ) {
         for step in &part.steps {
             let (_, _, y) = step.buffers();
             let mut output = std::mem::take(&mut workspace.memory[slot(part, y)]);
@@ -185,12 +212,18 @@ impl Inference {
                 };
                 &memory[..self.buffers[buffer].len()]
             };
-            self.step(step, read, &mut output[..self.buffers[y].len()]);
+            let to = &mut output[..self.buffers[y].len()];
+            self.step(step, read, (to, assistant));
             workspace.memory[slot(part, y)] = output;
         }
     }
 
-    fn step<'a>(&self, step: &Step, read: impl Fn(BufferId) -> &'a [f32], y: &mut [f32]) {
+    fn step<'a>(
+        &self,
+        step: &Step,
+        read: impl Fn(BufferId) -> &'a [f32],
+        (y, assistant): (&mut [f32], Option<&Assistant>),
+    ) {
         let (x_id, residual, y_id) = step.buffers();
         let (x, from, channels) = (read(x_id), self.buffers[x_id], self.buffers[y_id].channels);
         match step {
@@ -206,13 +239,25 @@ impl Inference {
                 };
                 let job = Gather {
                     table: &fused.table,
+                    first: 0,
                     x,
                     x_channels: fused.x_channels,
                     y_channels: channels,
                     kernel: &fused.kernel,
                     epilogue,
                 };
-                gather(self.isa, &job, y);
+                let work = fused.kernel.len() * self.buffers[y_id].pixels();
+                match assistant {
+                    Some(assistant) if work >= WORTH_SPLITTING && fused.can_be_split => {
+                        let half = (self.buffers[y_id].pixels() / 2).next_multiple_of(SPLIT_AT);
+                        let (top, bottom) = y.split_at_mut(half * channels);
+                        assistant.join(
+                            || gather(self.isa, &job, top),
+                            || gather(self.isa, &job.from(half), bottom),
+                        );
+                    }
+                    _ => gather(self.isa, &job, y),
+                }
             }
             Step::Affine { affine, .. } => apply(self.isa, affine, x, None, y),
             Step::PoolInput { offset, .. } => {
@@ -278,6 +323,7 @@ impl Fused {
             bias,
             slope: norm.map_or_else(Vec::new, |norm| slopes(&norm, values)),
             finish: norm.is_some(),
+            can_be_split: !conv.window.transposed,
         }
     }
 }

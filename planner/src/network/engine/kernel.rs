@@ -16,6 +16,7 @@
     reason = "a loop must be compiled within the function that enables its instructions"
 )]
 
+mod assistant;
 pub(crate) mod channelwise;
 mod gather;
 mod gradient;
@@ -23,6 +24,7 @@ mod lanes;
 
 use std::sync::OnceLock;
 
+pub(crate) use assistant::{Assistant, with_assistant};
 pub(crate) use gather::{Epilogue, Gather, gather};
 pub(crate) use gradient::{KernelGradient, kernel_gradient};
 

@@ -336,6 +336,7 @@ fn rates() {
         for &isa in Isa::available().iter().rev() {
             let job = Gather {
                 table: &table,
+                first: 0,
                 x: &xs,
                 x_channels: x,
                 y_channels: y,

@@ -207,6 +207,7 @@ impl Training {
             .for_each(|(x, y)| {
                 let job = Gather {
                     table: &self.tables[index].forward,
+                    first: 0,
                     x,
                     x_channels: conv.inputs,
                     y_channels,
@@ -265,6 +266,7 @@ impl Training {
                 .for_each(|(dy, dx)| {
                     let job = Gather {
                         table: &self.tables[index].backward,
+                        first: 0,
                         x: dy,
                         x_channels: conv.outputs,
                         y_channels: conv.inputs,

@@ -33,14 +33,16 @@ pub(crate) enum Epilogue<'a> {
     },
 }
 
-/// One image's convolution.
+/// One image's convolution, or those outputs of it that are counted from `first` on.
 ///
 /// # Shapes
-/// `x`: (inputs of the table) × `x_channels`; `y`: (outputs of the table) × `y_channels`; `kernel`:
-/// tiles of `y_channels` × taps × `x_channels` × [`Isa::tile_channels`]; bias and slope: `y_channels`.
+/// `x`: (inputs of the table) × `x_channels`; `y`: outputs × `y_channels`; `kernel`: tiles of
+/// `y_channels` × taps × `x_channels` × [`Isa::tile_channels`]; bias and slope: `y_channels`; a
+/// residual is as long as `y`.
 #[derive(Clone, Copy)]
 pub(crate) struct Gather<'a> {
     pub(crate) table: &'a Table,
+    pub(crate) first: usize,
     pub(crate) x: &'a [f32],
     pub(crate) x_channels: usize,
     pub(crate) y_channels: usize,
@@ -48,13 +50,38 @@ pub(crate) struct Gather<'a> {
     pub(crate) epilogue: Epilogue<'a>,
 }
 
-impl Gather<'_> {
+impl<'a> Gather<'a> {
+    /// The outputs from `first` on.
+    pub(crate) fn from(self, first: usize) -> Self {
+        let skipped = first * self.y_channels;
+        let epilogue = match self.epilogue {
+            Epilogue::Finish {
+                bias,
+                slope,
+                residual,
+            } => Epilogue::Finish {
+                bias,
+                slope,
+                residual: residual.map(|residual| &residual[skipped..]),
+            },
+            other => other,
+        };
+        Self {
+            first: self.first + first,
+            epilogue,
+            ..self
+        }
+    }
+
     fn check(&self, y: &[f32]) {
         let (table, y_channels) = (self.table, self.y_channels);
         assert!(self.x_channels <= MAX_CHANNELS && y_channels.is_multiple_of(4));
         assert!(table.taps <= MAX_TAPS && table.taps * self.x_channels <= MAX_DEPTH);
         assert!(self.x.len() >= table.inputs * self.x_channels);
-        assert_eq!(y.len(), table.outputs * y_channels);
+        assert!(y.len().is_multiple_of(y_channels));
+        assert!(self.first + y.len() / y_channels <= table.outputs);
+        // Outputs that do not lie as they are counted can only be computed together.
+        assert!(table.places.is_empty() || y.len() == table.outputs * y_channels);
         assert_eq!(self.kernel.len(), table.taps * self.x_channels * y_channels);
         if let Epilogue::Finish {
             bias,
@@ -63,7 +90,7 @@ impl Gather<'_> {
         } = self.epilogue
         {
             assert!(bias.len() >= y_channels && slope.len() >= y_channels);
-            assert!(residual.is_none_or(|residual| residual.len() == y.len()));
+            assert!(residual.is_none_or(|residual| residual.len() >= y.len()));
         }
     }
 }
@@ -164,13 +191,14 @@ unsafe fn each_quad<L: Lanes>(job: &Gather<'_>, y: &mut [f32]) {
     let (taps, outputs) = (job.table.taps, job.table.outputs);
     let mut copied;
     let mut sums = [0.0_f32; 16];
-    for first in (0..outputs).step_by(pixels) {
-        let count = pixels.min(outputs - first);
+    let wanted = y.len() / 4;
+    for first in (0..wanted).step_by(pixels) {
+        let count = pixels.min(wanted - first);
         // SAFETY: all offsets stay within what check() has verified.
         unsafe {
             let mut sum = L::splat(0.0);
             for tap in 0..taps {
-                let at = tap * outputs + first;
+                let at = tap * outputs + job.first + first;
                 let source = *job.table.sources.get_unchecked(at);
                 let run = usize::from(*job.table.runs.get_unchecked(at));
                 let block = if source == OUTSIDE && run >= count {
@@ -278,8 +306,9 @@ unsafe fn each_tile<L: Lanes, const PIXELS: usize, const VECTORS: usize, const C
     };
     let mut gathered = Gathered([MaybeUninit::uninit(); GATHERED]);
     let mut blocks = [(std::ptr::null(), 0); MAX_TAPS];
-    for first in (0..job.table.outputs).step_by(PIXELS) {
-        let count = PIXELS.min(job.table.outputs - first);
+    let wanted = y.len() / job.y_channels;
+    for first in (0..wanted).step_by(PIXELS) {
+        let count = PIXELS.min(wanted - first);
         // SAFETY: all offsets stay within what check() has verified.
         unsafe {
             let whole = channels < FEW_CHANNELS;
@@ -339,7 +368,7 @@ unsafe fn find_blocks<const CHANNELS: usize>(
     let mut found = 0;
     let mut copied = 0;
     for tap in 0..job.table.taps {
-        let at = tap * job.table.outputs + first;
+        let at = tap * job.table.outputs + job.first + first;
         // SAFETY: as the caller's.
         unsafe {
             let source = *job.table.sources.get_unchecked(at);
@@ -397,7 +426,7 @@ unsafe fn gather_all(job: &Gather<'_>, (first, count): (usize, usize), gathered:
         for pixel in 0..count {
             // SAFETY: as the caller's.
             unsafe {
-                let at = tap * job.table.outputs + first + pixel;
+                let at = tap * job.table.outputs + job.first + first + pixel;
                 let source = *job.table.sources.get_unchecked(at);
                 let to = block.add((pixel * taps + tap) * channels);
                 if source == OUTSIDE {
