@@ -52,6 +52,7 @@ pub(super) fn pool(x: &[f32], from: Extent, y: &mut [f32], channels: usize) {
 }
 
 /// Adds the gradient of [`pool`].
+#[inline(always)]
 pub(super) fn pool_backward(dy: &[f32], channels: usize, dx: &mut [f32], from: Extent) {
     let (cols, len) = (from.cols / 2, from.channels);
     for (pixel, dy) in dy.chunks_exact(channels).enumerate() {
@@ -107,6 +108,7 @@ pub(super) fn upsample(x: &[f32], from: Extent, y: &mut [f32]) {
 }
 
 /// Adds the gradient of [`upsample`].
+#[inline(always)]
 pub(super) fn upsample_backward(dy: &[f32], dx: &mut [f32], from: Extent) {
     let len = from.channels;
     let (rows, cols) = (from.rows * 2, from.cols * 2);

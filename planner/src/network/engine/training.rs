@@ -1,20 +1,25 @@
 //! The training pass: forward with the statistics of the batch, backward to every parameter.
 //!
-//! Images of a batch are spread over the cores; what is summed over them is summed in their order,
-//! so results do not depend on the number of threads.
+//! The operations fall into stretches between two normalisations, which are where the images of a
+//! batch need to know of each other. Each image goes through a stretch on one core, in memory of its
+//! own; what is summed over images is summed in their order, so results do not depend on the number
+//! of threads.
 
+mod image;
 mod norm;
-mod spatial;
+
+use std::ops::Range;
 
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
 use rayon::prelude::*;
 
-use super::kernel::{Epilogue, Gather, Isa, KernelGradient, gather, kernel_gradient};
+use super::kernel::Isa;
 use super::slots::{self, Slots};
 use super::tables::{Tables, pack_backward, pack_forward, tables, unpack_gradient};
-use crate::network::graph::{Architecture, BufferId, Conv, Graph, Op};
+use crate::network::graph::{Architecture, Graph, Op};
 use crate::network::parameters::Parameters;
+use image::{Context, Image};
 use norm::Statistics;
 pub(super) use norm::{inverse_deviation, slopes};
 
@@ -33,16 +38,31 @@ pub struct Dropout {
 /// A network in training at one size of input, with all its memory.
 #[derive(Debug)]
 pub struct Training {
+    plan: Plan,
+    images: Vec<Image>,
+    /// Images of the last forward pass.
+    batch: usize,
+    statistics: Vec<Statistics>,
+    /// Kernels as the forward pass wants them, one for each convolution.
+    forward_kernels: Vec<Vec<f32>>,
+    /// Kernels as the backward pass wants them.
+    backward_kernels: Vec<Vec<f32>>,
+    logits: Vec<f32>,
+    /// The gradient of one kernel, summed over the images.
+    kernel_gradient: Vec<f32>,
+}
+
+/// What does not change from pass to pass.
+#[derive(Debug)]
+struct Plan {
     graph: Graph,
     isa: Isa,
+    /// For each operation the number of its convolution or normalisation among its kind.
+    numbers: Vec<usize>,
+    /// Operations from one normalisation up to the next.
+    stretches: Vec<Range<usize>>,
     tables: Vec<Tables>,
-    activations: Vec<Vec<f32>>,
     gradient_slots: Slots,
-    gradients: Vec<Vec<f32>>,
-    statistics: Vec<Statistics>,
-    packed: Vec<f32>,
-    partial: Vec<f32>,
-    batch: usize,
 }
 
 impl Training {
@@ -62,30 +82,28 @@ impl Training {
         if !fits(rows) || !fits(cols) {
             return None;
         }
-        let graph = Graph::new(architecture, (rows, cols));
-        let norms = graph.ops.iter().filter(|op| matches!(op, Op::Norm(_)));
+        let plan = Plan::new(Graph::new(architecture, (rows, cols)), isa);
+        let norms = plan.graph.ops.iter().filter(|op| matches!(op, Op::Norm(_)));
         Some(Self {
             statistics: vec![Statistics::default(); norms.count()],
-            tables: tables(&graph),
-            activations: vec![Vec::new(); graph.buffers.len()],
-            gradient_slots: gradient_slots(&graph),
-            gradients: vec![Vec::new(); graph.buffers.len()],
-            packed: Vec::new(),
-            partial: Vec::new(),
+            forward_kernels: vec![Vec::new(); plan.tables.len()],
+            backward_kernels: vec![Vec::new(); plan.tables.len()],
+            images: Vec::new(),
             batch: 0,
-            isa,
-            graph,
+            logits: Vec::new(),
+            kernel_gradient: Vec::new(),
+            plan,
         })
     }
 
     /// Number of floats of one image's input: rows × cols × 3, and the features of its goal.
     pub fn input_len(&self) -> usize {
-        self.graph.input_len()
+        self.plan.graph.input_len()
     }
 
     /// Number of logits of one image.
     pub fn output_len(&self) -> usize {
-        self.graph.buffers[self.graph.output()].len()
+        self.plan.graph.buffers[self.plan.graph.output()].len()
     }
 
     /// The logits of a batch, normalised by the batch's own statistics.
@@ -100,41 +118,46 @@ impl Training {
         dropout: Option<Dropout>,
     ) -> &[f32] {
         self.batch = input.len() / self.input_len();
-        for (buffer, extent) in self.activations.iter_mut().zip(&self.graph.buffers) {
-            buffer.resize(self.batch * extent.len(), 0.0);
+        if self.images.len() < self.batch {
+            let graph = &self.plan.graph;
+            self.images.resize_with(self.batch, || Image::new(graph));
         }
-        let planes_len = self.len(Graph::INPUT);
-        for (image, input) in input.chunks_exact(self.input_len()).enumerate() {
-            let (planes, features) = input.split_at(planes_len);
-            self.activations[Graph::INPUT][image * planes_len..][..planes_len]
-                .copy_from_slice(planes);
-            if let Some(goal) = self.graph.goal {
-                self.activations[goal][image * features.len()..][..features.len()]
-                    .copy_from_slice(features);
-            }
-        }
+        self.pack(parameters);
         let mut random = dropout.map(|dropout| {
             let mut random = ChaCha8Rng::seed_from_u64(dropout.seed);
             random.set_stream(dropout.pass);
             random
         });
-        let ops = std::mem::take(&mut self.graph.ops);
-        let (mut convs, mut norms) = (0, 0);
-        for op in &ops {
-            match op {
-                Op::Conv(conv) => {
-                    self.conv(conv, convs, parameters);
-                    convs += 1;
-                }
-                Op::Norm(norm) => {
-                    self.norm(norm, norms, parameters, random.as_mut());
-                    norms += 1;
-                }
-                other => self.spatial(other, parameters),
+        let input_len = self.input_len();
+        for stretch in self.plan.stretches.clone() {
+            if let Op::Norm(norm) = &self.plan.graph.ops[stretch.start] {
+                let statistics = &mut self.statistics[self.plan.numbers[stretch.start]];
+                let images = self.images[..self.batch].iter();
+                statistics.collect(images.map(Image::moments));
+                statistics.drop_channels(norm, self.batch, random.as_mut());
             }
+            let context = Context {
+                plan: &self.plan,
+                values: parameters.values(),
+                statistics: &self.statistics,
+                kernels: &self.forward_kernels,
+                batch: self.batch,
+            };
+            let images = self.images[..self.batch].par_iter_mut();
+            images.enumerate().for_each(|(index, image)| {
+                if stretch.start == 0 {
+                    image.set_input(context.plan, &input[index * input_len..][..input_len]);
+                }
+                image.forward(&context, index, stretch.clone());
+            });
         }
-        self.graph.ops = ops;
-        &self.activations[self.graph.output()]
+        let (output, len) = (self.plan.graph.output(), self.output_len());
+        self.logits.resize(self.batch * len, 0.0);
+        let logits = self.logits.par_chunks_exact_mut(len);
+        logits
+            .zip(&self.images)
+            .for_each(|(logits, image)| logits.copy_from_slice(image.activation(output)));
+        &self.logits
     }
 
     /// Adds the gradient of every parameter to `gradient`, given that of the logits of the last
@@ -148,28 +171,55 @@ impl Training {
         logit_gradient: &[f32],
         gradient: &mut [f32],
     ) {
-        debug_assert_eq!(logit_gradient.len(), self.batch * self.output_len());
-        let ops = std::mem::take(&mut self.graph.ops);
-        let mut written = vec![false; self.graph.buffers.len()];
-        let output = self.graph.buffers.len() - 1;
-        let mut top = self.take_gradient(output);
-        top.copy_from_slice(logit_gradient);
-        self.give_gradient(output, top);
-        let (mut convs, mut norms) = (self.tables.len(), self.statistics.len());
-        for op in ops.iter().rev() {
+        let len = self.output_len();
+        debug_assert_eq!(logit_gradient.len(), self.batch * len);
+        for stretch in self.plan.stretches.clone().into_iter().rev() {
+            let context = Context {
+                plan: &self.plan,
+                values: parameters.values(),
+                statistics: &self.statistics,
+                kernels: &self.backward_kernels,
+                batch: self.batch,
+            };
+            let images = self.images[..self.batch].par_iter_mut();
+            images.enumerate().for_each(|(index, image)| {
+                if stretch.end == context.plan.graph.ops.len() {
+                    image.begin_backward(context.plan, &logit_gradient[index * len..][..len]);
+                }
+                image.backward(&context, index, stretch.clone());
+            });
+            self.add_gradients(stretch, parameters.values(), gradient);
+        }
+    }
+
+    /// Adds what the images found for the parameters of a stretch.
+    fn add_gradients(&mut self, stretch: Range<usize>, values: &[f32], gradient: &mut [f32]) {
+        let images = &self.images[..self.batch];
+        for (index, op) in self.plan.graph.ops[stretch.clone()].iter().enumerate() {
             match op {
                 Op::Conv(conv) => {
-                    convs -= 1;
-                    self.conv_backward((conv, convs), parameters, &mut written, gradient);
+                    sum_of_images(images, &mut self.kernel_gradient);
+                    let channels = self.plan.graph.buffers[conv.y].channels;
+                    let sum = &self.kernel_gradient;
+                    unpack_gradient(self.plan.isa, (conv, channels), sum, gradient);
+                }
+                Op::Head { kernel, .. } => {
+                    sum_of_images(images, &mut self.kernel_gradient);
+                    // The bias lies right behind the kernel, here and there.
+                    let to = gradient[*kernel..].iter_mut();
+                    to.zip(&self.kernel_gradient)
+                        .for_each(|(to, sum)| *to += sum);
                 }
                 Op::Norm(norm) => {
-                    norms -= 1;
-                    self.norm_backward((norm, norms), parameters, &mut written, gradient);
+                    let number = self.plan.numbers[stretch.start + index];
+                    let statistics = &mut self.statistics[number];
+                    statistics.sum_up(norm, images.iter().map(Image::sums));
+                    statistics.add_gradients(norm, gradient);
                 }
-                other => self.spatial_backward(other, parameters, &mut written, gradient),
+                _ => {}
             }
         }
-        self.graph.ops = ops;
+        debug_assert!(values.len() == gradient.len());
     }
 
     /// Moves the running statistics towards those of the last forward pass.
@@ -177,7 +227,7 @@ impl Training {
     /// The variance is that of the batch itself, not the unbiased estimate that `PyTorch` keeps, so
     /// that inference computes just what training has seen.
     pub fn update_running(&self, parameters: &mut Parameters) {
-        let norms = self.graph.ops.iter().filter_map(|op| match op {
+        let norms = self.plan.graph.ops.iter().filter_map(|op| match op {
             Op::Norm(norm) => Some(norm),
             _ => None,
         });
@@ -191,105 +241,73 @@ impl Training {
         }
     }
 
-    fn len(&self, buffer: BufferId) -> usize {
-        self.graph.buffers[buffer].len()
+    /// Packs every kernel for both directions.
+    fn pack(&mut self, parameters: &Parameters) {
+        let Plan { graph, isa, .. } = &self.plan;
+        let convs: Vec<_> = graph
+            .ops
+            .iter()
+            .filter_map(|op| match op {
+                Op::Conv(conv) => Some(conv),
+                _ => None,
+            })
+            .collect();
+        let kernels = self.forward_kernels.par_iter_mut();
+        let kernels = kernels.zip(&mut self.backward_kernels).zip(convs);
+        kernels.for_each(|((forward, backward), conv)| {
+            let channels = graph.buffers[conv.y].channels;
+            let values = parameters.values();
+            pack_forward(*isa, (conv, channels), values, None, forward);
+            if !graph.is_input(conv.x) {
+                pack_backward(*isa, conv, values, backward);
+            }
+        });
     }
+}
 
-    fn conv(&mut self, conv: &Conv, index: usize, parameters: &Parameters) {
-        let y_channels = self.graph.buffers[conv.y].channels;
-        let values = parameters.values();
-        pack_forward(self.isa, (conv, y_channels), values, None, &mut self.packed);
-        let mut y = std::mem::take(&mut self.activations[conv.y]);
-        let (x_len, y_len) = (self.len(conv.x), self.len(conv.y));
-        let images = self.activations[conv.x].par_chunks_exact(x_len);
-        images
-            .zip(y.par_chunks_exact_mut(y_len))
-            .for_each(|(x, y)| {
-                let job = Gather {
-                    table: &self.tables[index].forward,
-                    first: 0,
-                    x,
-                    x_channels: conv.inputs,
-                    y_channels,
-                    kernel: &self.packed,
-                    epilogue: Epilogue::Store,
-                };
-                gather(self.isa, &job, y);
-            });
-        self.activations[conv.y] = y;
-    }
-
-    fn conv_backward(
-        &mut self,
-        (conv, index): (&Conv, usize),
-        parameters: &Parameters,
-        written: &mut [bool],
-        gradient: &mut [f32],
-    ) {
-        let isa = self.isa;
-        let y_channels = self.graph.buffers[conv.y].channels;
-        let (x_len, y_len) = (self.len(conv.x), self.len(conv.y));
-        let dy = self.take_gradient(conv.y);
-        let len = conv.window.taps() * conv.inputs * y_channels;
-        let mut partial = std::mem::take(&mut self.partial);
-        partial.clear();
-        partial.resize(self.batch * len, 0.0);
-        let images = self.activations[conv.x].par_chunks_exact(x_len);
-        images
-            .zip(dy.par_chunks_exact(y_len))
-            .zip(partial.par_chunks_exact_mut(len))
-            .for_each(|((x, dy), partial)| {
-                let job = KernelGradient {
-                    table: &self.tables[index].forward,
-                    x,
-                    x_channels: conv.inputs,
-                    dy,
-                    y_channels,
-                };
-                kernel_gradient(isa, &job, partial);
-            });
-        for image in partial.chunks_exact(len) {
-            unpack_gradient(isa, (conv, y_channels), image, gradient);
-        }
-        self.partial = partial;
-        if !self.graph.is_input(conv.x) {
-            pack_backward(isa, conv, parameters.values(), &mut self.packed);
-            let mut dx = self.take_gradient(conv.x);
-            let epilogue = if std::mem::replace(&mut written[conv.x], true) {
-                Epilogue::Add
-            } else {
-                Epilogue::Store
+impl Plan {
+    fn new(graph: Graph, isa: Isa) -> Self {
+        let (mut convs, mut norms) = (0, 0);
+        let mut numbers = Vec::new();
+        let mut stretches = Vec::new();
+        let mut start = 0;
+        for (index, op) in graph.ops.iter().enumerate() {
+            let count = match op {
+                Op::Conv(_) => &mut convs,
+                Op::Norm(_) => {
+                    stretches.push(start..index);
+                    start = index;
+                    &mut norms
+                }
+                _ => &mut 0,
             };
-            let images = dy.par_chunks_exact(y_len);
-            images
-                .zip(dx.par_chunks_exact_mut(x_len))
-                .for_each(|(dy, dx)| {
-                    let job = Gather {
-                        table: &self.tables[index].backward,
-                        first: 0,
-                        x: dy,
-                        x_channels: conv.outputs,
-                        y_channels: conv.inputs,
-                        kernel: &self.packed,
-                        epilogue,
-                    };
-                    gather(isa, &job, dx);
-                });
-            self.give_gradient(conv.x, dx);
+            numbers.push(*count);
+            *count += 1;
         }
-        self.give_gradient(conv.y, dy);
+        stretches.push(start..graph.ops.len());
+        Self {
+            numbers,
+            stretches,
+            tables: tables(&graph),
+            gradient_slots: gradient_slots(&graph),
+            graph,
+            isa,
+        }
     }
+}
 
-    fn take_gradient(&mut self, buffer: BufferId) -> Vec<f32> {
-        let slot = self.gradient_slots.of_buffer[buffer].expect("only the input has no gradient");
-        let mut memory = std::mem::take(&mut self.gradients[slot]);
-        memory.resize(self.batch * self.len(buffer), 0.0);
-        memory
-    }
-
-    fn give_gradient(&mut self, buffer: BufferId, memory: Vec<f32>) {
-        let slot = self.gradient_slots.of_buffer[buffer].expect("only the input has no gradient");
-        self.gradients[slot] = memory;
+/// The sum of the parameter gradients that the images hold.
+fn sum_of_images(images: &[Image], sum: &mut Vec<f32>) {
+    sum.clear();
+    for image in images {
+        if sum.is_empty() {
+            sum.extend_from_slice(image.parameter_gradient());
+        } else {
+            let more = image.parameter_gradient();
+            sum.iter_mut()
+                .zip(more)
+                .for_each(|(sum, more)| *sum += more);
+        }
     }
 }
 
@@ -298,16 +316,13 @@ impl Training {
 fn gradient_slots(graph: &Graph) -> Slots {
     let steps = graph.ops.len();
     let mut uses: Vec<Option<(usize, usize)>> = vec![None; graph.buffers.len()];
-    let mut touch = |buffer: BufferId, step: usize| {
-        let (first, last) = uses[buffer].unwrap_or((step, step));
-        uses[buffer] = Some((first.min(step), last.max(step)));
-    };
     for (index, op) in graph.ops.iter().enumerate() {
         let step = steps - 1 - index;
         let (reads, writes) = op.buffers();
         for buffer in reads.into_iter().chain([writes]) {
             if !graph.is_input(buffer) {
-                touch(buffer, step);
+                let (first, last) = uses[buffer].unwrap_or((step, step));
+                uses[buffer] = Some((first.min(step), last.max(step)));
             }
         }
     }

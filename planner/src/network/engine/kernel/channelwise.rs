@@ -17,12 +17,46 @@ pub(crate) fn pattern(coefficients: &[f32]) -> Pattern {
     std::array::from_fn(|index| coefficients[index % coefficients.len()])
 }
 
-/// Adds up a pattern's entries of the same channel.
-fn fold(sums: &Pattern, channels: &mut [f64]) {
+/// Floats that are treated at once.
+const LANES: usize = 32;
+/// Blocks whose single-precision sums are added up before they go into double precision.
+const BLOCKS: usize = 256;
+
+/// Adds up the lanes of the same channel, the first of which is number `first`.
+#[inline(always)]
+fn fold(sums: &[f32; LANES], first: usize, channels: &mut [f64]) {
     let count = channels.len();
-    for (index, &sum) in sums.iter().enumerate() {
-        channels[index % count] += f64::from(sum);
+    for (lane, &sum) in sums.iter().enumerate() {
+        channels[(first + lane) % count] += f64::from(sum);
     }
+}
+
+/// Floats from one block of the same channels to the next: those of a pixel, or of several pixels
+/// that have few.
+const fn stride(channels: usize) -> usize {
+    if channels < LANES { LANES } else { channels }
+}
+
+#[inline(always)]
+fn lanes(values: &[f32], at: usize) -> &[f32; LANES] {
+    values[at..at + LANES]
+        .try_into()
+        .expect("as long as was asked for")
+}
+
+#[inline(always)]
+fn lanes_mut(values: &mut [f32], at: usize) -> &mut [f32; LANES] {
+    (&mut values[at..at + LANES])
+        .try_into()
+        .expect("as long as was asked for")
+}
+
+/// The last floats of an image whose pixels do not fill a block, and `filler` behind them.
+#[inline(always)]
+fn filled_up(values: &[f32], filler: &[f32; LANES]) -> [f32; LANES] {
+    let mut block = *filler;
+    block[..values.len()].copy_from_slice(values);
+    block
 }
 
 macro_rules! for_each_isa {
@@ -66,16 +100,29 @@ for_each_isa! {
 
 #[inline(always)]
 fn moments_body(x: &[f32], floor: &Pattern, sums: &mut [f64], squares: &mut [f64]) {
-    let (mut first, mut second) = ([0.0; PATTERN], [0.0; PATTERN]);
-    for chunk in x.chunks(PATTERN) {
-        for (lane, &x) in chunk.iter().enumerate() {
-            let above = x - floor[lane];
-            first[lane] += above;
-            second[lane] += above * above;
+    let stride = stride(sums.len());
+    for first in (0..stride).step_by(LANES) {
+        let floor = lanes(floor, first);
+        for part in x.chunks(BLOCKS * stride) {
+            let (mut sum, mut square) = ([0.0; LANES], [0.0; LANES]);
+            let mut add = |x: &[f32; LANES]| {
+                for lane in 0..LANES {
+                    let above = x[lane] - floor[lane];
+                    sum[lane] += above;
+                    square[lane] += above * above;
+                }
+            };
+            let whole = part.len() - part.len() % LANES;
+            for at in (first..whole).step_by(stride) {
+                add(lanes(part, at));
+            }
+            if whole < part.len() {
+                add(&filled_up(&part[whole..], floor));
+            }
+            fold(&sum, first, sums);
+            fold(&square, first, squares);
         }
     }
-    fold(&first, sums);
-    fold(&second, squares);
 }
 
 /// The coefficients of `activation(gain * x + offset + residual)`.
@@ -99,28 +146,44 @@ for_each_isa! {
 
 #[inline(always)]
 fn apply_body(affine: &Affine, x: &[f32], residual: Option<&[f32]>, y: &mut [f32]) {
-    let value = |lane: usize, x: f32, residual: f32| {
-        let z = affine.gain[lane] * x + affine.offset[lane] + residual;
-        if z >= 0.0 { z } else { affine.slope[lane] * z }
-    };
-    if let Some(residual) = residual {
-        let parts = x.chunks(PATTERN).zip(residual.chunks(PATTERN));
-        for ((x, residual), y) in parts.zip(y.chunks_mut(PATTERN)) {
-            for (lane, ((&x, &residual), y)) in x.iter().zip(residual).zip(y).enumerate() {
-                *y = value(lane, x, residual);
-            }
-        }
-    } else {
-        for (x, y) in x.chunks(PATTERN).zip(y.chunks_mut(PATTERN)) {
-            for (lane, (&x, y)) in x.iter().zip(y).enumerate() {
-                *y = value(lane, x, 0.0);
-            }
-        }
+    let whole = x.len() - x.len() % LANES;
+    let zeros = [0.0; LANES];
+    for at in (0..whole).step_by(LANES) {
+        let residual = residual.map_or(&zeros, |residual| lanes(residual, at));
+        activate(
+            affine,
+            at % PATTERN,
+            (lanes(x, at), residual),
+            lanes_mut(y, at),
+        );
+    }
+    if whole < x.len() {
+        let x = filled_up(&x[whole..], &zeros);
+        let residual = residual.map_or(zeros, |residual| filled_up(&residual[whole..], &zeros));
+        let mut last = zeros;
+        activate(affine, whole % PATTERN, (&x, &residual), &mut last);
+        let y = &mut y[whole..];
+        y.copy_from_slice(&last[..y.len()]);
+    }
+}
+
+#[inline(always)]
+fn activate(
+    affine: &Affine,
+    first: usize,
+    (x, residual): (&[f32; LANES], &[f32; LANES]),
+    y: &mut [f32; LANES],
+) {
+    let (gain, offset) = (lanes(&affine.gain, first), lanes(&affine.offset, first));
+    let slope = lanes(&affine.slope, first);
+    for lane in 0..LANES {
+        let z = gain[lane] * x[lane] + offset[lane] + residual[lane];
+        y[lane] = if z >= 0.0 { z } else { slope[lane] * z };
     }
 }
 
 /// Sums a channel that the backward pass of a normalisation needs.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Default)]
 pub(crate) struct BackwardSums {
     /// Gradient before the activation.
     pub(crate) gradient: Vec<f64>,
@@ -131,11 +194,11 @@ pub(crate) struct BackwardSums {
 }
 
 impl BackwardSums {
-    pub(crate) fn new(channels: usize) -> Self {
-        Self {
-            gradient: vec![0.0; channels],
-            centred: vec![0.0; channels],
-            slope: vec![0.0; channels],
+    /// Sums of nothing yet.
+    pub(crate) fn clear(&mut self, channels: usize) {
+        for sums in [&mut self.gradient, &mut self.centred, &mut self.slope] {
+            sums.clear();
+            sums.resize(channels, 0.0);
         }
     }
 }
@@ -160,36 +223,78 @@ for_each_isa! {
 
 #[inline(always)]
 fn backward_sums_body(before: &Before<'_>, dy: &mut [f32], sums: &mut BackwardSums) {
-    let Before { affine, mean, .. } = before;
-    let mut gradient = [0.0; PATTERN];
-    let mut centred = [0.0; PATTERN];
-    let mut slope = [0.0; PATTERN];
-    let mut step = |lane: usize, x: f32, residual: f32, dy: &mut f32| {
-        let z = affine.gain[lane] * x + affine.offset[lane] + residual;
-        let below = z < 0.0;
-        slope[lane] += if below { *dy * z } else { 0.0 };
-        let dz = if below { *dy * affine.slope[lane] } else { *dy };
-        gradient[lane] += dz;
-        centred[lane] += dz * (x - mean[lane]);
-        *dy = dz;
-    };
-    if let Some(residual) = before.residual {
-        let parts = before.x.chunks(PATTERN).zip(residual.chunks(PATTERN));
-        for ((x, residual), dy) in parts.zip(dy.chunks_mut(PATTERN)) {
-            for (lane, ((&x, &residual), dy)) in x.iter().zip(residual).zip(dy).enumerate() {
-                step(lane, x, residual, dy);
-            }
-        }
-    } else {
-        for (x, dy) in before.x.chunks(PATTERN).zip(dy.chunks_mut(PATTERN)) {
-            for (lane, (&x, dy)) in x.iter().zip(dy).enumerate() {
-                step(lane, x, 0.0, dy);
+    let stride = stride(sums.gradient.len());
+    for first in (0..stride).step_by(LANES) {
+        for start in (0..dy.len()).step_by(BLOCKS * stride) {
+            let end = dy.len().min(start + BLOCKS * stride);
+            let dy = &mut dy[start..end];
+            let x = &before.x[start..end];
+            if let Some(residual) = before.residual {
+                sum_blocks(
+                    before,
+                    (first, stride),
+                    (x, Some(&residual[start..end])),
+                    (dy, sums),
+                );
+            } else {
+                sum_blocks(before, (first, stride), (x, None), (dy, sums));
             }
         }
     }
-    fold(&gradient, &mut sums.gradient);
-    fold(&centred, &mut sums.centred);
-    fold(&slope, &mut sums.slope);
+}
+
+/// The blocks that begin at channel `first`.
+#[inline(always)]
+fn sum_blocks(
+    before: &Before<'_>,
+    (first, stride): (usize, usize),
+    (x, residual): (&[f32], Option<&[f32]>),
+    (dy, sums): (&mut [f32], &mut BackwardSums),
+) {
+    let (gain, offset) = (
+        lanes(&before.affine.gain, first),
+        lanes(&before.affine.offset, first),
+    );
+    let (slope, mean) = (
+        lanes(&before.affine.slope, first),
+        lanes(before.mean, first),
+    );
+    let zeros = [0.0; LANES];
+    let mut of_gradient = zeros;
+    let mut of_centred = zeros;
+    let mut of_slope = zeros;
+    let mut add = |x: &[f32; LANES], residual: &[f32; LANES], dy: &mut [f32; LANES]| {
+        for lane in 0..LANES {
+            let z = gain[lane] * x[lane] + offset[lane] + residual[lane];
+            let below = z < 0.0;
+            of_slope[lane] += if below { dy[lane] * z } else { 0.0 };
+            let dz = if below {
+                dy[lane] * slope[lane]
+            } else {
+                dy[lane]
+            };
+            of_gradient[lane] += dz;
+            of_centred[lane] += dz * (x[lane] - mean[lane]);
+            dy[lane] = dz;
+        }
+    };
+    let whole = x.len() - x.len() % LANES;
+    for at in (first..whole).step_by(stride) {
+        let residual = residual.map_or(&zeros, |residual| lanes(residual, at));
+        add(lanes(x, at), residual, lanes_mut(dy, at));
+    }
+    if whole < x.len() {
+        let x = filled_up(&x[whole..], &zeros);
+        let residual = residual.map_or(zeros, |residual| filled_up(&residual[whole..], &zeros));
+        // A gradient of 0 adds nothing to any sum.
+        let mut last = filled_up(&dy[whole..], &zeros);
+        add(&x, &residual, &mut last);
+        let dy = &mut dy[whole..];
+        dy.copy_from_slice(&last[..dy.len()]);
+    }
+    fold(&of_gradient, first, &mut sums.gradient);
+    fold(&of_centred, first, &mut sums.centred);
+    fold(&of_slope, first, &mut sums.slope);
 }
 
 /// `dx = outer * dz + inner * x + constant`.
@@ -211,15 +316,41 @@ for_each_isa! {
 
 #[inline(always)]
 fn backward_input_body(combination: &Combination, x: &[f32], dz: &[f32], dx: &mut [f32]) {
-    let Combination {
-        outer,
-        inner,
-        constant,
-    } = combination;
-    let parts = x.chunks(PATTERN).zip(dz.chunks(PATTERN));
-    for ((x, dz), dx) in parts.zip(dx.chunks_mut(PATTERN)) {
-        for (lane, ((&x, &dz), dx)) in x.iter().zip(dz).zip(dx).enumerate() {
-            *dx = outer[lane] * dz + inner[lane] * x + constant[lane];
-        }
+    let whole = x.len() - x.len() % LANES;
+    for at in (0..whole).step_by(LANES) {
+        combine(
+            combination,
+            at % PATTERN,
+            (lanes(x, at), lanes(dz, at)),
+            lanes_mut(dx, at),
+        );
+    }
+    if whole < x.len() {
+        let zeros = [0.0; LANES];
+        let (x, dz) = (
+            filled_up(&x[whole..], &zeros),
+            filled_up(&dz[whole..], &zeros),
+        );
+        let mut last = zeros;
+        combine(combination, whole % PATTERN, (&x, &dz), &mut last);
+        let dx = &mut dx[whole..];
+        dx.copy_from_slice(&last[..dx.len()]);
+    }
+}
+
+#[inline(always)]
+fn combine(
+    combination: &Combination,
+    first: usize,
+    (x, dz): (&[f32; LANES], &[f32; LANES]),
+    dx: &mut [f32; LANES],
+) {
+    let (outer, inner) = (
+        lanes(&combination.outer, first),
+        lanes(&combination.inner, first),
+    );
+    let constant = lanes(&combination.constant, first);
+    for lane in 0..LANES {
+        dx[lane] = outer[lane] * dz[lane] + inner[lane] * x[lane] + constant[lane];
     }
 }

@@ -1,17 +1,16 @@
-//! Normalisation over the batch with dropout, residual and activation, forward and backward.
+//! Normalisation over the batch with dropout: its statistics, and the coefficients of each image.
 
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::Rng;
-use rayon::prelude::*;
 
-use super::Training;
 use crate::network::engine::kernel::Isa;
 use crate::network::engine::kernel::channelwise::{
-    Affine, BackwardSums, Before, Combination, apply, backward_input, backward_sums, moments,
-    pattern,
+    Affine, BackwardSums, Combination, moments, pattern,
 };
 use crate::network::graph::{Activation, NORM_EPSILON, Norm};
-use crate::network::parameters::Parameters;
+
+/// Mean and variance of each channel of one image.
+pub(super) type Moments = Vec<(f64, f64)>;
 
 /// What a normalisation remembers between forward and backward.
 #[derive(Debug, Clone, Default)]
@@ -20,120 +19,87 @@ pub(super) struct Statistics {
     pub(super) variance: Vec<f32>,
     /// Factor of each image and channel; empty without dropout.
     keep: Vec<f32>,
+    /// Sums over the batch in the backward pass.
+    totals: BackwardSums,
 }
 
-impl Training {
-    pub(super) fn norm(
-        &mut self,
-        norm: &Norm,
-        index: usize,
-        parameters: &Parameters,
-        random: Option<&mut ChaCha8Rng>,
-    ) {
-        let (isa, len, channels) = (self.isa, self.len(norm.x), norm.channels);
-        let mut statistics = std::mem::take(&mut self.statistics[index]);
-        let images = self.activations[norm.x].par_chunks_exact(len);
-        let moments: Vec<_> = images.map(|x| image_moments(isa, x, channels)).collect();
-        let images = moments.len() as f64;
-        statistics.mean.resize(channels, 0.0);
-        statistics.variance.resize(channels, 0.0);
+impl Statistics {
+    /// The statistics of a batch from those of its images.
+    pub(super) fn collect<'a>(&mut self, images: impl Iterator<Item = &'a Moments> + Clone) {
+        let count = images.clone().count() as f64;
+        let channels = images.clone().next().map_or(0, Vec::len);
+        self.mean.resize(channels, 0.0);
+        self.variance.resize(channels, 0.0);
         for channel in 0..channels {
-            let of_image = || moments.iter().map(|moments| moments[channel]);
-            let mean = of_image().map(|(mean, _)| mean).sum::<f64>() / images;
+            let of_images = images.clone().map(|moments| moments[channel]);
+            let mean = of_images.clone().map(|(mean, _)| mean).sum::<f64>() / count;
             let spread = |(of_image, variance): (f64, f64)| variance + (of_image - mean).powi(2);
-            let variance = of_image().map(spread).sum::<f64>() / images;
-            statistics.mean[channel] = narrow(mean);
-            statistics.variance[channel] = narrow(variance);
+            let variance = of_images.map(spread).sum::<f64>() / count;
+            self.mean[channel] = narrow(mean);
+            self.variance[channel] = narrow(variance);
         }
-        statistics.keep.clear();
-        if let Some(random) = random.filter(|_| norm.dropout > 0.0) {
-            let keep = || draw_keep(random, norm.dropout);
-            statistics
-                .keep
-                .extend(std::iter::repeat_with(keep).take(self.batch * channels));
-        }
-        let mut y = std::mem::take(&mut self.activations[norm.y]);
-        let images = self.activations[norm.x].par_chunks_exact(len);
-        let images = images.zip(y.par_chunks_exact_mut(len)).enumerate();
-        images.for_each(|(image, (x, y))| {
-            let coefficients = affine(norm, &statistics, parameters.values(), image);
-            let residual = norm
-                .residual
-                .map(|buffer| &self.activations[buffer][image * len..(image + 1) * len]);
-            apply(isa, &coefficients, x, residual, y);
-        });
-        self.activations[norm.y] = y;
-        self.statistics[index] = statistics;
     }
 
-    pub(super) fn norm_backward(
+    /// Draws which channels of which images are dropped.
+    pub(super) fn drop_channels(
         &mut self,
-        (norm, index): (&Norm, usize),
-        parameters: &Parameters,
-        written: &mut [bool],
-        gradient: &mut [f32],
+        norm: &Norm,
+        batch: usize,
+        random: Option<&mut ChaCha8Rng>,
     ) {
-        let (isa, len, values) = (self.isa, self.len(norm.x), parameters.values());
-        let mut dz = self.take_gradient(norm.y);
-        let statistics = &self.statistics[index];
-        let images = self.activations[norm.x].par_chunks_exact(len);
-        let images = images.zip(dz.par_chunks_exact_mut(len)).enumerate();
-        let sums: Vec<BackwardSums> = images
-            .map(|(image, (x, dy))| {
-                let before = Before {
-                    affine: &affine(norm, statistics, values, image),
-                    mean: &pattern(&statistics.mean),
-                    x,
-                    residual: norm
-                        .residual
-                        .map(|buffer| &self.activations[buffer][image * len..(image + 1) * len]),
-                };
-                let mut sums = BackwardSums::new(norm.channels);
-                backward_sums(isa, &before, dy, &mut sums);
-                sums
-            })
-            .collect();
-        let totals = totals(norm, statistics, &sums);
-        add_gradients(norm, statistics, &totals, gradient);
-        let mut dx = self.take_gradient(norm.x);
-        let count = (self.batch * self.graph.buffers[norm.x].pixels()) as f64;
-        let statistics = &self.statistics[index];
-        let images = self.activations[norm.x].par_chunks_exact(len);
-        images
-            .zip(dz.par_chunks_exact(len))
-            .zip(dx.par_chunks_exact_mut(len))
-            .enumerate()
-            .for_each(|(image, ((x, dz), dx))| {
-                let combination = combination((norm, values), statistics, (&totals, count), image);
-                backward_input(isa, &combination, x, dz, dx);
-            });
-        written[norm.x] = true;
-        self.give_gradient(norm.x, dx);
-        if let Some(residual) = norm.residual {
-            let mut to = self.take_gradient(residual);
-            let add = std::mem::replace(&mut written[residual], true);
-            let images = to.par_chunks_exact_mut(len).zip(dz.par_chunks_exact(len));
-            images.for_each(|(to, dz)| {
-                if add {
-                    to.iter_mut().zip(dz).for_each(|(to, dz)| *to += dz);
-                } else {
-                    to.copy_from_slice(dz);
-                }
-            });
-            self.give_gradient(residual, to);
+        self.keep.clear();
+        if let Some(random) = random.filter(|_| norm.dropout > 0.0) {
+            let keep = std::iter::repeat_with(|| draw_keep(random, norm.dropout));
+            self.keep.extend(keep.take(batch * norm.channels));
         }
-        self.give_gradient(norm.y, dz);
+    }
+
+    fn keep(&self, index: usize) -> f32 {
+        self.keep.get(index).copied().unwrap_or(1.0)
+    }
+
+    /// Sums over the batch: gradient of shift, gradient of scale over the inverse deviation, slope.
+    pub(super) fn sum_up<'a>(
+        &mut self,
+        norm: &Norm,
+        images: impl Iterator<Item = &'a BackwardSums>,
+    ) {
+        let mut totals = std::mem::take(&mut self.totals);
+        totals.clear(norm.channels);
+        for (image, sums) in images.enumerate() {
+            for channel in 0..norm.channels {
+                let keep = f64::from(self.keep(image * norm.channels + channel));
+                totals.gradient[channel] += keep * sums.gradient[channel];
+                totals.centred[channel] += keep * sums.centred[channel];
+                totals.slope[channel] += sums.slope[channel];
+            }
+        }
+        self.totals = totals;
+    }
+
+    /// Adds the gradients of scale, shift and slope.
+    pub(super) fn add_gradients(&self, norm: &Norm, gradient: &mut [f32]) {
+        for channel in 0..norm.channels {
+            let inverse = f64::from(inverse_deviation(self.variance[channel]));
+            gradient[norm.scale + channel] += narrow(self.totals.centred[channel] * inverse);
+            gradient[norm.scale + norm.channels + channel] += narrow(self.totals.gradient[channel]);
+            if let Activation::Prelu(start) = norm.activation {
+                gradient[start + channel] += narrow(self.totals.slope[channel]);
+            }
+        }
     }
 }
 
 /// The coefficients of one image.
-fn affine(norm: &Norm, statistics: &Statistics, values: &[f32], image: usize) -> Affine {
+pub(super) fn image_affine(
+    norm: &Norm,
+    statistics: &Statistics,
+    values: &[f32],
+    image: usize,
+) -> Affine {
     let channels = norm.channels;
     let (scale, shift) = values[norm.scale..][..2 * channels].split_at(channels);
-    let keep = |channel: usize| {
-        let keep = statistics.keep.get(image * channels + channel);
-        keep.copied().unwrap_or(1.0)
-    };
+    let keep = |channel: usize| statistics.keep(image * channels + channel);
     let gain: Vec<f32> = (0..channels)
         .map(|c| keep(c) * scale[c] * inverse_deviation(statistics.variance[c]))
         .collect();
@@ -163,68 +129,36 @@ pub(in crate::network::engine) fn slopes(norm: &Norm, values: &[f32]) -> Vec<f32
 
 /// Mean and variance of each channel of one image. Squares are taken above the first pixel, so that a
 /// mean far from 0 does not drown the variance.
-fn image_moments(isa: Isa, x: &[f32], channels: usize) -> Vec<(f64, f64)> {
+pub(super) fn image_moments(isa: Isa, x: &[f32], channels: usize, to: &mut Moments) {
     let floor = &x[..channels];
     let (mut sums, mut squares) = (vec![0.0; channels], vec![0.0; channels]);
     moments(isa, x, &pattern(floor), &mut sums, &mut squares);
     let count = (x.len() / channels) as f64;
-    let of_channel = |channel: usize| {
+    to.clear();
+    to.extend((0..channels).map(|channel| {
         let mean = sums[channel] / count;
         let variance = (squares[channel] / count - mean * mean).max(0.0);
         (f64::from(floor[channel]) + mean, variance)
-    };
-    (0..channels).map(of_channel).collect()
-}
-
-/// Sums over the batch: gradient of shift, gradient of scale over the inverse deviation, slope.
-fn totals(norm: &Norm, statistics: &Statistics, sums: &[BackwardSums]) -> BackwardSums {
-    let mut totals = BackwardSums::new(norm.channels);
-    for (image, sums) in sums.iter().enumerate() {
-        for channel in 0..norm.channels {
-            let keep = statistics.keep.get(image * norm.channels + channel);
-            let keep = f64::from(keep.copied().unwrap_or(1.0));
-            totals.gradient[channel] += keep * sums.gradient[channel];
-            totals.centred[channel] += keep * sums.centred[channel];
-            totals.slope[channel] += sums.slope[channel];
-        }
-    }
-    totals
-}
-
-fn add_gradients(
-    norm: &Norm,
-    statistics: &Statistics,
-    totals: &BackwardSums,
-    gradient: &mut [f32],
-) {
-    for channel in 0..norm.channels {
-        let inverse = f64::from(inverse_deviation(statistics.variance[channel]));
-        gradient[norm.scale + channel] += narrow(totals.centred[channel] * inverse);
-        gradient[norm.scale + norm.channels + channel] += narrow(totals.gradient[channel]);
-        if let Activation::Prelu(start) = norm.activation {
-            gradient[start + channel] += narrow(totals.slope[channel]);
-        }
-    }
+    }));
 }
 
 /// The coefficients of the gradient at the input: with u = keep · dz and x̂ the normalised input,
 /// dx = scale / deviation · (u − mean(u) − x̂ · mean(u · x̂)).
-fn combination(
+pub(super) fn combination(
     (norm, values): (&Norm, &[f32]),
     statistics: &Statistics,
-    (totals, count): (&BackwardSums, f64),
-    image: usize,
+    (count, image): (usize, usize),
 ) -> Combination {
-    let channels = norm.channels;
+    let (channels, totals, count) = (norm.channels, &statistics.totals, count as f64);
     let mut outer = vec![0.0; channels];
     let mut inner = vec![0.0; channels];
     let mut constant = vec![0.0; channels];
     for channel in 0..channels {
         let inverse = f64::from(inverse_deviation(statistics.variance[channel]));
         let gain = f64::from(values[norm.scale + channel]) * inverse;
-        let keep = statistics.keep.get(image * channels + channel);
+        let keep = f64::from(statistics.keep(image * channels + channel));
         let slope = -gain * inverse * inverse * totals.centred[channel] / count;
-        outer[channel] = narrow(gain * f64::from(keep.copied().unwrap_or(1.0)));
+        outer[channel] = narrow(gain * keep);
         inner[channel] = narrow(slope);
         let mean = f64::from(statistics.mean[channel]);
         constant[channel] = narrow(-gain * totals.gradient[channel] / count - slope * mean);
