@@ -125,6 +125,14 @@ pub(crate) struct GenerateOptions {
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub(crate) enum Preset {
+    /// Small batches at half size, for a processor
+    Cpu,
+    /// The paper's: enet at full size, batch 100, 300 epochs, rate 5e-4
+    Paper,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub(crate) enum Size {
     Full,
     Half,
@@ -184,6 +192,7 @@ fn architecture(name: &str) -> Result<Architecture, String> {
 #[command(after_help = "Examples:
   swath train --data samples.mcap --validation held-out.mcap --size half --out runs/first
   swath train --data samples.mcap --out runs/first --resume
+  swath train --preset paper --data samples.mcap --aside 2000 --split random --out runs/paper
   swath train --out runs/live                a node: trains on what generators publish")]
 pub(crate) struct TrainOptions {
     /// Recording of samples, shown once or TIMES times an epoch; may be given again; without it this
@@ -213,7 +222,16 @@ pub(crate) struct TrainOptions {
     /// Resolution at which the network sees the grid
     #[arg(long, value_enum)]
     pub(crate) size: Option<Size>,
-    /// Base learning rate
+    /// Start from these weights; a node starts from those that come with swath if they fit
+    #[arg(long, value_name = "FILE", conflicts_with = "scratch")]
+    pub(crate) from: Option<PathBuf>,
+    /// Start from nothing
+    #[arg(long)]
+    pub(crate) scratch: bool,
+    /// A set of training settings, which other options change
+    #[arg(long, value_enum, default_value_t = Preset::Cpu)]
+    pub(crate) preset: Preset,
+    /// Base learning rate [default: that of the preset, a fifth of it from trained weights]
     #[arg(long, value_name = "RATE")]
     pub(crate) learning_rate: Option<f64>,
     /// Go on from the newest checkpoint in the output directory
@@ -240,12 +258,15 @@ pub(crate) struct EvaluateOptions {
     pub(crate) data: Vec<PathBuf>,
     #[command(flatten)]
     pub(crate) aside: AsideOptions,
-    /// Weights to evaluate
+    /// Weights to evaluate [default: those that come with swath]
     #[arg(long, value_name = "FILE")]
-    pub(crate) weights: PathBuf,
+    pub(crate) weights: Option<PathBuf>,
     /// Distance from the optimal path to the edge of its label, metres [default: as trained]
     #[arg(long, value_name = "METRES")]
     pub(crate) dilation_m: Option<f64>,
+    /// Picture of samples from the worst predicted to the best
+    #[arg(long, value_name = "FILE")]
+    pub(crate) picture: Option<PathBuf>,
     /// Recording to write the counts to, for `swath report`
     #[arg(long, value_name = "FILE")]
     pub(crate) out: Option<PathBuf>,
@@ -259,9 +280,9 @@ pub(crate) struct EvaluateOptions {
 #[command(after_help = "Example:
   swath export --weights runs/first/best.safetensors --onnx network.onnx")]
 pub(crate) struct ExportOptions {
-    /// Weights to export
+    /// Weights to export [default: those that come with swath]
     #[arg(long, value_name = "FILE")]
-    pub(crate) weights: PathBuf,
+    pub(crate) weights: Option<PathBuf>,
     /// ONNX file to write
     #[arg(long, value_name = "FILE")]
     pub(crate) onnx: PathBuf,
@@ -287,10 +308,10 @@ pub(crate) struct PlanOptions {
     /// Speed, which limits turns; a node follows the odometry
     #[arg(long, value_name = "M_PER_S")]
     pub(crate) speed: Option<f64>,
-    /// Method [default: tiev-fcn with weights, tiev without]
+    /// Method [default: tiev-fcn where the network fits, else tiev]
     #[arg(long, value_parser = parse_method)]
     pub(crate) method: Option<Method>,
-    /// Weights of the network (safetensors)
+    /// Weights of the network (safetensors) [default: those that come with swath]
     #[arg(long, value_name = "FILE")]
     pub(crate) weights: Option<PathBuf>,
     /// Most time for one target's search; 0 for no limit [default: 0 on a map, 100 as a node]
@@ -335,7 +356,7 @@ pub(crate) struct BenchOptions {
     /// Methods to compare [default: all that can run]
     #[arg(long, value_delimiter = ',', value_parser = parse_method)]
     pub(crate) methods: Vec<Method>,
-    /// Weights of the network
+    /// Weights of the network [default: those that come with swath]
     #[arg(long, value_name = "FILE")]
     pub(crate) weights: Option<PathBuf>,
     /// Most time for one target's search; 0 for no limit

@@ -3,6 +3,7 @@
 mod cli;
 mod commands;
 mod config;
+mod network;
 mod output;
 mod progress;
 mod runtime;

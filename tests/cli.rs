@@ -178,24 +178,40 @@ fn wrong_usage_is_told_apart_and_says_what_to_do() {
         .assert()
         .code(2);
     swath().args(["plan", "--method", "magic"]).assert().code(2);
+}
+
+#[test]
+fn the_network_that_comes_with_swath_plans_where_it_fits() {
     let folder = tempfile::tempdir().unwrap();
     let map = write_map(folder.path());
-    let goals = write(&folder, "goals.txt", "10 0 0\n");
-    let assert = swath()
-        .args(["plan", "--method", "tiev-fcn", "--map"])
-        .arg(map)
-        .arg("--goals")
-        .arg(goals)
-        .assert()
-        .code(1);
-    let stderr = String::from_utf8_lossy(&assert.get_output().stderr).into_owned();
-    assert!(stderr.contains("--weights"), "{stderr}");
+    let goals = write(&folder, "goals.txt", "30 0 0\n");
+    let reference = write(&folder, "reference.txt", "0 0 0\n55 0 0\n");
+    let plan = |more: &[&str]| -> Value {
+        let assert = swath()
+            .args(["plan", "--json", "-", "--map"])
+            .arg(&map)
+            .arg("--goals")
+            .arg(&goals)
+            .arg("--reference")
+            .arg(&reference)
+            .args(more)
+            .assert()
+            .success();
+        serde_json::from_slice(&assert.get_output().stdout).unwrap()
+    };
+    let with = plan(&[]);
+    assert_eq!(with["method"], "tiev-fcn");
+    assert!(with["network_ms"].as_f64().unwrap() > 0.0);
+    assert_eq!(with["targets"][0]["status"], "solved");
+    let config = write(&folder, "swath.toml", "[vehicle]\nwheelbase_m = 2.4\n");
+    let without = plan(&["--config", &config.display().to_string()]);
+    assert_eq!(without["method"], "tiev");
 }
 
 #[test]
 fn every_command_has_help_with_an_example() {
     for command in [
-        "demo", "generate", "train", "evaluate", "plan", "bench", "report",
+        "demo", "generate", "train", "evaluate", "export", "plan", "bench", "report",
     ] {
         let assert = swath().args([command, "--help"]).assert().success();
         let help = String::from_utf8_lossy(&assert.get_output().stdout).into_owned();

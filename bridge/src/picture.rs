@@ -65,6 +65,39 @@ impl Picture {
         picture
     }
 
+    /// Pictures of the same number of pixels a cell in a row, their upper edges aligned.
+    pub fn side_by_side(pictures: &[Self]) -> Self {
+        const GAP_CELLS: u32 = 4;
+        let Some(first) = pictures.first() else {
+            return Self::blank(&GridSpec::default(), 1);
+        };
+        let cols = pictures.iter().map(|picture| picture.spec.cols + GAP_CELLS);
+        let rows = pictures.iter().map(|picture| picture.spec.rows);
+        let spec = GridSpec {
+            rows: rows.max().unwrap_or_default(),
+            cols: cols.sum::<u32>() - GAP_CELLS,
+            ..first.spec
+        };
+        let side = first.pixels_a_cell;
+        let width = (spec.cols * side) as usize;
+        let mut row = Self {
+            spec,
+            pixels_a_cell: side,
+            pixels: vec![GREY; width * (spec.rows * side) as usize],
+        };
+        let mut left = 0;
+        for picture in pictures {
+            let (own_width, _) = picture.size_px();
+            let own_width = (own_width as usize).min(width - left);
+            let lines = picture.pixels.chunks_exact(own_width.max(1));
+            for (to, from) in row.pixels.chunks_exact_mut(width).zip(lines) {
+                to[left..left + own_width].copy_from_slice(from);
+            }
+            left = width.min(left + own_width + (GAP_CELLS * side) as usize);
+        }
+        row
+    }
+
     /// Width and height, pixels.
     pub const fn size_px(&self) -> (u32, u32) {
         (
@@ -357,5 +390,17 @@ mod tests {
             ego_col: 0,
         };
         assert_eq!(Picture::blank(&spec, 100).size_px(), (4, 8192));
+    }
+
+    #[test]
+    fn pictures_in_a_row_keep_their_cells_and_leave_gaps() {
+        let mut dark = Picture::blank(&SPEC, 2);
+        dark.overlay(BLACK, 1.0, |_| true);
+        let row = Picture::side_by_side(&[Picture::blank(&SPEC, 2), dark]);
+        assert_eq!(row.size_px(), (2 * (30 + 4 + 30), 80));
+        assert_eq!(at(&row, Cell::new(5, 29)), WHITE);
+        assert_eq!(at(&row, Cell::new(5, 31)), GREY);
+        assert_eq!(at(&row, Cell::new(5, 34)), BLACK);
+        assert_eq!(at(&row, Cell::new(39, 63)), BLACK);
     }
 }

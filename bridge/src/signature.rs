@@ -20,6 +20,11 @@ pub const MOST_WEIGHTS_BYTES: usize = 64 * 1024 * 1024;
 /// Keeps a signature from being taken for one of something else.
 const PURPOSE: &[u8] = b"swath weights v1\n";
 
+/// The BLAKE3 digest of a file.
+pub fn digest(bytes: &[u8]) -> [u8; 32] {
+    *blake3::hash(bytes).as_bytes()
+}
+
 /// Sets digest, public key and signature.
 ///
 /// # Errors

@@ -245,10 +245,16 @@ impl Node {
                 weights.vehicle
             );
         }
-        let trusted = self.config.trusted.clone();
+        let (trusted, grid) = (self.config.trusted.clone(), self.config.grid);
         let loaded = spawn_blocking(move || {
             signature::verify(&weights, &trusted)?;
             let network = Network::load(&weights.safetensors)?;
+            if network.info().spec != grid {
+                return Err(Error::GridMismatch {
+                    got: grid,
+                    wanted: network.info().spec,
+                });
+            }
             let (run, version) = (weights.run, weights.version);
             Ok::<_, Error>(ServedNetwork {
                 network,

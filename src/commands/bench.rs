@@ -13,9 +13,9 @@ use swath_planner::{
 };
 
 use super::generate::scenes_of;
-use super::plan::load_network;
 use crate::cli::BenchOptions;
 use crate::config::Config;
+use crate::network;
 use crate::output::{self, Failure};
 use crate::progress;
 
@@ -25,7 +25,10 @@ const VEHICLE: &str = "bench";
 /// Runs the command.
 pub(crate) fn run(options: &BenchOptions, config: &Config) -> Result<(), Failure> {
     check(options)?;
-    let network = options.weights.as_deref().map(load_network).transpose()?;
+    let network = match &options.weights {
+        None if network::shipped_misfit(config)?.is_some() => None,
+        path => Some(network::load(path.as_deref())?),
+    };
     let methods = methods_of(options, network.is_some())?;
     let scenes = scenes_of(&options.log, config)?;
     let bench = Bench {

@@ -9,18 +9,20 @@ use swath_bridge::recording::Writer;
 use swath_bridge::{clock, keys};
 use swath_trainer::{DISTANCE_GROUPS_M, Predictor, Report, evaluate};
 
-use super::plan::load_network;
 use super::train::{open, set_aside};
 use crate::cli::EvaluateOptions;
 use crate::config::Config;
+use crate::network;
 use crate::output::{self, Failure};
+
+mod picture;
 
 /// Run that evaluations of files are recorded under.
 const RUN: &str = "file";
 
 /// Runs the command.
 pub(crate) fn run(options: &EvaluateOptions, config: &Config) -> Result<(), Failure> {
-    let network = load_network(&options.weights)?;
+    let network = network::load(options.weights.as_deref())?;
     let mut examples = open(&options.data)?.solved;
     if let Some(count) = options.aside.aside {
         examples = set_aside(examples, &options.aside, count).1;
@@ -37,11 +39,14 @@ pub(crate) fn run(options: &EvaluateOptions, config: &Config) -> Result<(), Fail
         },
     ];
     let mut reports = Vec::new();
-    for predictor in predictors {
+    for predictor in predictors.iter().copied() {
         reports.push((
             predictor.name(),
             evaluate(predictor, &examples, dilation_m, true)?,
         ));
+    }
+    if let Some(path) = &options.picture {
+        picture::draw(path, predictors[0], (&examples, dilation_m), config)?;
     }
     if let Some(out) = &options.out {
         record(out, &split_name(options), &reports)?;

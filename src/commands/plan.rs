@@ -3,7 +3,6 @@
 use std::path::Path;
 use std::sync::Arc;
 
-use anyhow::Context;
 use serde::Serialize;
 use swath_bridge::{Outcome, Pose2, goals, pgm};
 use swath_planner::network::Network;
@@ -11,6 +10,7 @@ use swath_planner::{FrameInput, FramePlan, FramePlanner, Method, MotionModel, mi
 
 use crate::cli::{NetworkOptions, PlanOptions};
 use crate::config::Config;
+use crate::network;
 use crate::output::{self, Failure};
 
 pub(crate) mod node;
@@ -19,36 +19,36 @@ mod picture;
 /// Runs the command.
 pub(crate) fn run(
     options: &PlanOptions,
-    network: &NetworkOptions,
+    session: &NetworkOptions,
     config: &Config,
 ) -> Result<(), Failure> {
     match (&options.map, &options.goals) {
         (Some(map), Some(goals)) => plan_once(options, map, goals, config),
-        _ => node::run(options, network, config),
+        _ => node::run(options, session, config),
     }
 }
 
-/// Loads a network from a weights file.
-pub(crate) fn load_network(path: &Path) -> anyhow::Result<Network> {
-    let context = || path.display().to_string();
-    let bytes = std::fs::read(path).with_context(context)?;
-    Network::load(&bytes).with_context(context)
-}
-
-/// The method that was asked for, or the best one that can run.
-fn method_of(options: &PlanOptions) -> anyhow::Result<Method> {
-    let has_weights = options.weights.is_some();
-    let method = options.method.unwrap_or(if has_weights {
-        Method::TievFcn
+/// The network to plan with, if it is of use: that of a file, or the one that comes with swath. With
+/// that one, what is missing for it is said, and `tiev` plans.
+fn network_of(options: &PlanOptions, config: &Config) -> anyhow::Result<Option<Network>> {
+    if options.method.is_some_and(|method| !method.needs_regions()) {
+        return Ok(None);
+    }
+    if options.weights.is_some() || options.method.is_some() {
+        return network::load(options.weights.as_deref()).map(Some);
+    }
+    let misfit = if options.map.is_some() && options.reference.is_none() {
+        Some("it needs a --reference".to_owned())
     } else {
-        Method::Tiev
-    });
-    anyhow::ensure!(
-        has_weights || !method.needs_regions(),
-        "{} predicts regions and needs a network: give --weights FILE (swath train makes one)",
-        method.name()
-    );
-    Ok(method)
+        network::shipped_misfit(config)?
+    };
+    match misfit {
+        Some(misfit) => {
+            tracing::info!("tiev plans without the network that comes with swath: {misfit}");
+            Ok(None)
+        }
+        None => network::load(None).map(Some),
+    }
 }
 
 fn plan_once(
@@ -57,16 +57,17 @@ fn plan_once(
     goal_file: &Path,
     config: &Config,
 ) -> Result<(), Failure> {
-    let method = method_of(options)?;
     let occupancy = pgm::read_map(map, &config.grid)?;
     let goals = goals::read_poses(goal_file)?;
     let reference = match &options.reference {
         Some(path) => goals::read_poses(path)?,
         None => Vec::new(),
     };
-    let network = match &options.weights {
-        Some(path) if method.needs_regions() => Some(load_network(path)?),
-        _ => None,
+    let network = network_of(options, config)?;
+    let method = if network.is_some() {
+        Method::TievFcn
+    } else {
+        Method::Tiev
     };
     let mut plan_config = config.plan;
     plan_config.speed_m_per_s = options.speed.unwrap_or(plan_config.speed_m_per_s);

@@ -8,14 +8,15 @@ use std::time::Instant;
 
 use anyhow::Context;
 use indicatif::ProgressBar;
-use swath_planner::network::InputSize;
+use swath_planner::network::{InputSize, Parameters};
 use swath_trainer::{
     CHECKPOINT_FILE, Checkpoint, Dataset, Example, Learner, Observer, Recorded, Run, ScoreReport,
     Source, Split, StepReport, TrainConfig, Validation, network_info, split,
 };
 
-use crate::cli::{AsideOptions, NetworkOptions, Size, SplitBy, TrainOptions};
+use crate::cli::{AsideOptions, NetworkOptions, Preset, Size, SplitBy, TrainOptions};
 use crate::config::Config;
+use crate::network;
 use crate::output::{self, Failure};
 use crate::progress;
 use crate::runtime::stop_flag;
@@ -25,22 +26,30 @@ mod node;
 /// One sample in so many is set aside for validation when there is no recording for it.
 const ASIDE_EVERY: usize = 10;
 
+/// Rate of weights that were trained before, of that of new ones.
+const RATE_OF_TRAINED: f64 = 0.2;
+
 /// Runs the command.
 pub(crate) fn run(
     options: &TrainOptions,
-    network: &NetworkOptions,
+    session: &NetworkOptions,
     config: &Config,
 ) -> Result<(), Failure> {
-    let train = train_config(options, config)?;
-    if options.data.is_empty() {
-        node::run(options, network, config, train)
+    let mut train = train_config(options, config)?;
+    let is_node = options.data.is_empty();
+    let initial = initial(options, config, (&mut train, is_node))?;
+    if is_node {
+        node::run(options, session, config, (train, initial))
     } else {
-        on_recordings(options, config, &train)
+        on_recordings(options, config, (&train, initial))
     }
 }
 
 fn train_config(options: &TrainOptions, config: &Config) -> anyhow::Result<TrainConfig> {
-    let mut train = config.train.clone();
+    let mut train = match options.preset {
+        Preset::Cpu => config.train.clone(),
+        Preset::Paper => TrainConfig::paper(),
+    };
     train.seed = options.aside.seed;
     train.score_every_steps = options.score_every.unwrap_or(train.score_every_steps);
     train.patience = options.patience.unwrap_or(train.patience);
@@ -49,21 +58,50 @@ fn train_config(options: &TrainOptions, config: &Config) -> anyhow::Result<Train
         train.batch = batch;
         train.micro_batch = train.micro_batch.min(batch);
     }
-    train.base_rate = options.learning_rate.unwrap_or(train.base_rate);
     train.architecture = options.architecture.unwrap_or(train.architecture);
     train.size = match options.size {
         Some(Size::Full) => InputSize::Full,
         Some(Size::Half) => InputSize::Half,
         None => train.size,
     };
-    train.validate()?;
     Ok(train)
+}
+
+/// The weights to start from: those that were asked for, or if `by_default` those that come with
+/// swath, if they are of the network that is to be trained. Those trained before learn more slowly.
+fn initial(
+    options: &TrainOptions,
+    config: &Config,
+    (train, by_default): (&mut TrainConfig, bool),
+) -> anyhow::Result<Option<Parameters>> {
+    let found = match &options.from {
+        None if options.scratch || !by_default => None,
+        path => Some(network::load_parameters(path.as_deref())?),
+    };
+    let wanted = network_info(train, &config.grid, &config.vehicle);
+    let fitting = found.filter(|(info, _)| *info == wanted);
+    if fitting.is_none()
+        && let Some(path) = &options.from
+    {
+        anyhow::bail!(
+            "{} is of another network than {} at {} size on this grid and vehicle",
+            path.display(),
+            wanted.architecture.name(),
+            wanted.size.name()
+        );
+    }
+    if fitting.is_some() {
+        train.base_rate *= RATE_OF_TRAINED;
+    }
+    train.base_rate = options.learning_rate.unwrap_or(train.base_rate);
+    train.validate()?;
+    Ok(fitting.map(|(_, parameters)| parameters))
 }
 
 fn on_recordings(
     options: &TrainOptions,
     config: &Config,
-    train: &TrainConfig,
+    (train, initial): (&TrainConfig, Option<Parameters>),
 ) -> Result<(), Failure> {
     let (groups, validation) = samples(options)?;
     let first = groups
@@ -73,7 +111,13 @@ fn on_recordings(
     let info = network_info(train, &first.spec, &config.vehicle);
     let mut learner = match checkpoint(options)? {
         Some((checkpoint, path)) => Learner::resume(checkpoint, &path, train, info)?,
-        None => Learner::new(train.clone(), info)?,
+        None => {
+            let mut learner = Learner::new(train.clone(), info)?;
+            if let Some(parameters) = initial {
+                learner.start_from(parameters);
+            }
+            learner
+        }
     };
     output::line(format_args!(
         "{} to train on, {} to validate on, from step {}",

@@ -3,12 +3,12 @@
 use std::time::{Duration, Instant};
 
 use rayon::prelude::*;
-use swath_bridge::{Pose2, Vehicle};
+use swath_bridge::{GridSpec, Pose2, Vehicle};
 use swath_planner::Plane;
 use swath_planner::dubins::shortest_path;
 use swath_planner::network::Network;
 
-use crate::score::Scores;
+use crate::score::{Counts, Scores};
 use crate::{Error, Example};
 
 /// Distance between two poses of the shortest path in the open, metres.
@@ -46,9 +46,15 @@ impl Predictor<'_> {
             Self::Network(network) => {
                 let goal = std::slice::from_ref(&example.goal);
                 let regions = network.predict(&example.surroundings(), goal)?;
-                Ok(regions.into_iter().next().unwrap_or_else(|| empty(example)))
+                let region = regions.into_iter().next().unwrap_or_else(|| empty(example));
+                // A wider region is what was learnt, grown by what is missing.
+                let by_m = dilation_m - network.info().label_dilation_m;
+                Ok(grown(region, &example.spec, by_m))
             }
-            Self::Reference { already_m } => Ok(dilated(example, dilation_m - already_m)),
+            Self::Reference { already_m } => {
+                let by_m = dilation_m - already_m;
+                Ok(grown(example.reference.clone(), &example.spec, by_m))
+            }
             Self::Dubins { vehicle } => {
                 let radius_m = vehicle.min_turning_radius_m;
                 let path = shortest_path(&Pose2::default(), &example.goal, radius_m, DUBINS_STEP_M);
@@ -69,6 +75,34 @@ pub struct Report {
     pub ms_per_sample: f64,
     /// Width of the labels, metres.
     pub dilation_m: f64,
+}
+
+/// Most samples that are scored singly.
+const MOST_SINGLE: usize = 4096;
+
+/// The region of each sample that has a path, with its intersection over union, in the order of that.
+/// Of very many samples the first 4096 are taken.
+///
+/// # Errors
+/// The network's, if its grid is another.
+pub fn ranked<'a>(
+    predictor: Predictor<'_>,
+    examples: &'a [Example],
+    dilation_m: f64,
+) -> Result<Vec<(f64, &'a Example, Plane)>, Error> {
+    let solved: Vec<&Example> = examples
+        .iter()
+        .filter(|example| example.is_solved())
+        .take(MOST_SINGLE)
+        .collect();
+    let regions = solved.par_iter().map(|&example| {
+        let region = predictor.region(example, dilation_m)?;
+        let iou = Counts::of(&region, &example.label_at(dilation_m)).iou_path();
+        Ok((iou, example, region))
+    });
+    let mut ranked: Vec<_> = regions.collect::<Result<_, Error>>()?;
+    ranked.sort_by(|a, b| a.0.total_cmp(&b.0));
+    Ok(ranked)
 }
 
 /// Scores a predictor at the full resolution of the samples. With `redraw` the labels are drawn anew
@@ -123,20 +157,20 @@ fn empty(example: &Example) -> Plane {
     Plane::empty(example.spec.rows, example.spec.cols)
 }
 
-/// The reference plane grown by `by_m`.
-fn dilated(example: &Example, by_m: f64) -> Plane {
+/// A plane grown by `by_m`, or as it is if that is less than a cell.
+fn grown(mut plane: Plane, spec: &GridSpec, by_m: f64) -> Plane {
     /// Differences of decimals fall short of them by less than this.
     const ROUNDING_M: f64 = 1e-6;
     let by_m = by_m + ROUNDING_M;
-    let mut plane = example.reference.clone();
-    if by_m < example.spec.resolution_m {
+    if by_m < spec.resolution_m {
         return plane;
     }
-    for index in 0..example.reference.len() {
-        if example.reference.get_index(index) {
-            let (x_m, y_m) = example.spec.centre_of(example.spec.cell_of_index(index));
-            plane.draw_line(&example.spec, &[Pose2::new(x_m, y_m, 0.0)], by_m);
-        }
+    let set: Vec<usize> = (0..plane.len())
+        .filter(|&index| plane.get_index(index))
+        .collect();
+    for index in set {
+        let (x_m, y_m) = spec.centre_of(spec.cell_of_index(index));
+        plane.draw_line(spec, &[Pose2::new(x_m, y_m, 0.0)], by_m);
     }
     plane
 }
@@ -173,6 +207,17 @@ mod tests {
         let dubins = Predictor::Dubins { vehicle: &vehicle };
         let report = evaluate(dubins, &[example], 1.4, false).unwrap();
         assert_eq!(report.scores.total.miou(), 1.0);
+    }
+
+    #[test]
+    fn samples_are_ranked_by_how_well_they_are_predicted() {
+        let examples = examples(10);
+        let vehicle = Vehicle::default();
+        let ranked = ranked(Predictor::Dubins { vehicle: &vehicle }, &examples, 1.4).unwrap();
+        assert_eq!(ranked.len(), 10);
+        assert!(ranked.windows(2).all(|pair| pair[0].0 <= pair[1].0));
+        let (iou, example, region) = &ranked[9];
+        assert_eq!(Counts::of(region, &example.label).iou_path(), *iou);
     }
 
     #[test]

@@ -5,7 +5,7 @@ use swath_bridge::Outcome;
 use swath_bridge::msg::swath::PlanReport;
 use swath_planner::node::{self, NodeConfig, ServedNetwork};
 
-use super::load_network;
+use super::network_of;
 use crate::cli::{NetworkOptions, PlanOptions};
 use crate::config::Config;
 use crate::output::Failure;
@@ -21,15 +21,12 @@ pub(super) fn run(
     network: &NetworkOptions,
     config: &Config,
 ) -> Result<(), Failure> {
-    let initial = match &options.weights {
-        Some(path) => Some(ServedNetwork {
-            network: load_network(path)?,
-            run: String::new(),
-            version: 0,
-            stamp_nanos: 0,
-        }),
-        None => None,
-    };
+    let initial = network_of(options, config)?.map(|network| ServedNetwork {
+        network,
+        run: String::new(),
+        version: 0,
+        stamp_nanos: 0,
+    });
     let node_config = node_config(options, config);
     let bar = progress::spinner("planner");
     bar.set_message(format!("waits for grids of {}", options.vehicle));
