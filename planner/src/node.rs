@@ -62,7 +62,7 @@ pub struct ServedNetwork {
     pub run: String,
     /// Version within the run; 0 for weights from a file.
     pub version: u64,
-    /// When they were published, nanoseconds since the Unix epoch.
+    /// When they were published, nanoseconds since the Unix epoch; 0 for weights from a file.
     pub stamp_nanos: u64,
 }
 
@@ -338,7 +338,9 @@ impl Node {
         if let Some(served) = &planned.network {
             report.weights_run.clone_from(&served.run);
             report.weights_version = served.version;
-            report.weights_age_s = now.saturating_sub(served.stamp_nanos) as f32 / 1e9;
+            if served.stamp_nanos > 0 {
+                report.weights_age_s = now.saturating_sub(served.stamp_nanos) as f32 / 1e9;
+            }
         }
         report.latency_ms = now.saturating_sub(planned.grid.received_nanos) as f32 / 1e6;
         self.outputs.plan.put(&report).await?;

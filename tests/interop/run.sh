@@ -5,7 +5,7 @@ set -euo pipefail
 export PYTHONDONTWRITEBYTECODE=1
 
 here=$(cd "$(dirname "${BASH_SOURCE[0]}")" && pwd)
-root=$(cd "$here/../../.." && pwd)
+root=$(cd "$here/../.." && pwd)
 cd "$root"
 
 python=$root/.venv/bin/python
@@ -16,7 +16,7 @@ if ! cmp -s "$here/requirements.txt" .venv/installed.txt; then
 fi
 
 # The whole workspace is named so that its dependencies are those that other builds made already.
-cargo build --release --workspace --bins --example every_message
+cargo build --release --workspace --bins --example every_message --example logits
 target=${CARGO_TARGET_DIR:-$root/target}
 swath=${1:-$target/release/swath}
 
@@ -34,6 +34,11 @@ trap finish EXIT
 "$target/release/examples/every_message" "$scratch/every.mcap" "$scratch/every.json"
 "$python" "$here/check_recording.py" "$scratch/every.mcap" "$scratch/every.json" bridge/msg
 "$python" "$here/compare_readers.py" "$scratch/every.mcap"
+
+"$swath" export --onnx "$scratch/network.onnx"
+mkdir "$scratch/logits"
+"$target/release/examples/logits" trainer/weights/enet-shared-half.safetensors "$scratch/logits"
+"$python" "$here/compare_onnx.py" "$scratch/network.onnx" "$scratch/logits"
 
 port=$("$python" -c 'import socket; s = socket.socket(); s.bind(("127.0.0.1", 0)); print(s.getsockname()[1])')
 "$swath" --listen "tcp/127.0.0.1:$port" plan --vehicle interop >"$scratch/planner.log" 2>&1 &

@@ -160,7 +160,7 @@ proptest! {
                 let expected = flat(gradients.get(var).unwrap());
                 let ours = &gradient[start..start + expected.len()];
                 let off: Vec<f32> = ours.iter().zip(&expected).map(|(a, b)| a - b).collect();
-                let most = 1e-2 * norm(&expected) + 1e-3 * whole;
+                let most = 1e-3 * norm(&expected) + 1e-4 * whole;
                 prop_assert!(norm(&off) <= most, "{isa:?} at {start}: {} > {most}", norm(&off));
             }
         }
@@ -300,81 +300,4 @@ fn running_statistics_approach_those_of_the_batches() {
         let off = farthest(&logits, &trained[..size.0 * size.1]);
         assert!(off <= most, "{architecture:?}: {off} > {most}");
     }
-}
-
-#[test]
-#[ignore = "prints rates"]
-fn rates() {
-    use super::kernel::*;
-    let layer = |name: &str,
-                 rows: usize,
-                 cols: usize,
-                 x: usize,
-                 y: usize,
-                 k: (usize, usize),
-                 dil: usize| {
-        let taps = k.0 * k.1;
-        let px = rows * cols;
-        let mut sources = vec![OUTSIDE; px * taps];
-        for t in 0..taps {
-            for r in 0..rows {
-                for c in 0..cols {
-                    let rr = (r + (t / k.1) * dil) as i64 - ((k.0 / 2) * dil) as i64;
-                    let cc = (c + (t % k.1) * dil) as i64 - ((k.1 / 2) * dil) as i64;
-                    if rr >= 0 && cc >= 0 && (rr as usize) < rows && (cc as usize) < cols {
-                        sources[t * px + r * cols + c] = (rr as usize * cols + cc as usize) as u32;
-                    }
-                }
-            }
-        }
-        let table = Table::new(taps, px, sources, Vec::new());
-        let xs = noise(1, px * x, 1.0);
-        let kernel = noise(2, taps * x * y, 1.0);
-        let bias = vec![0.1; y];
-        let slope = vec![0.2; y];
-        let mut ys = vec![0.0; px * y];
-        for &isa in Isa::available().iter().rev() {
-            let job = Gather {
-                table: &table,
-                first: 0,
-                x: &xs,
-                x_channels: x,
-                y_channels: y,
-                kernel: &kernel,
-                epilogue: Epilogue::Finish {
-                    bias: &bias,
-                    slope: &slope,
-                    residual: None,
-                },
-            };
-            let begin = std::time::Instant::now();
-            let mut n = 0;
-            while begin.elapsed().as_millis() < 150 {
-                for _ in 0..10 {
-                    gather(isa, &job, &mut ys);
-                    n += 1;
-                }
-            }
-            let s = begin.elapsed().as_secs_f64() / n as f64;
-            println!(
-                "{name:28} {isa:?}: {:8.1} us {:6.1} GFLOP/s",
-                s * 1e6,
-                2.0 * (px * taps * x * y) as f64 / s / 1e9
-            );
-        }
-    };
-    layer("reduce 128-32 half", 26, 10, 128, 32, (1, 1), 1);
-    layer("middle 32-32 half", 26, 10, 32, 32, (3, 3), 1);
-    layer("middle 32-32 d8 half", 26, 10, 32, 32, (3, 3), 8);
-    layer("expand 32-128 half", 26, 10, 32, 128, (1, 1), 1);
-    layer("reduce 64-16 half", 52, 20, 64, 16, (1, 1), 1);
-    layer("middle 16-16 half", 52, 20, 16, 16, (3, 3), 1);
-    layer("expand 16-64 half", 52, 20, 16, 64, (1, 1), 1);
-    layer("reduce 16-4 half", 104, 40, 16, 4, (1, 1), 1);
-    layer("middle 4-4 half", 104, 40, 4, 4, (3, 3), 1);
-    layer("expand 4-16 half", 104, 40, 4, 16, (1, 1), 1);
-    layer("initial-like 3-16", 104, 40, 3, 16, (3, 3), 1);
-    layer("goal 20-64", 26, 10, 20, 64, (1, 1), 1);
-    layer("reduce 128-32 full", 51, 19, 128, 32, (1, 1), 1);
-    layer("middle 32-32 full", 51, 19, 32, 32, (3, 3), 1);
 }

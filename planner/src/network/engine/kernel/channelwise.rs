@@ -297,10 +297,11 @@ fn sum_blocks(
     fold(&of_slope, first, &mut sums.slope);
 }
 
-/// `dx = outer * dz + inner * x + constant`.
+/// `dx = outer * dz + inner * (x - mean) + constant`.
 pub(crate) struct Combination {
     pub(crate) outer: Pattern,
     pub(crate) inner: Pattern,
+    pub(crate) mean: Pattern,
     pub(crate) constant: Pattern,
 }
 
@@ -349,8 +350,12 @@ fn combine(
         lanes(&combination.outer, first),
         lanes(&combination.inner, first),
     );
-    let constant = lanes(&combination.constant, first);
+    let (mean, constant) = (
+        lanes(&combination.mean, first),
+        lanes(&combination.constant, first),
+    );
     for lane in 0..LANES {
-        dx[lane] = outer[lane] * dz[lane] + inner[lane] * x[lane] + constant[lane];
+        let centred = x[lane] - mean[lane];
+        dx[lane] = outer[lane] * dz[lane] + inner[lane] * centred + constant[lane];
     }
 }

@@ -160,12 +160,12 @@ pub(super) fn combination(
         let slope = -gain * inverse * inverse * totals.centred[channel] / count;
         outer[channel] = narrow(gain * keep);
         inner[channel] = narrow(slope);
-        let mean = f64::from(statistics.mean[channel]);
-        constant[channel] = narrow(-gain * totals.gradient[channel] / count - slope * mean);
+        constant[channel] = narrow(-gain * totals.gradient[channel] / count);
     }
     Combination {
         outer: pattern(&outer),
         inner: pattern(&inner),
+        mean: pattern(&statistics.mean),
         constant: pattern(&constant),
     }
 }
