@@ -87,6 +87,7 @@ impl TrainConfig {
             batch: 100,
             micro_batch: 20,
             base_rate: 5e-4,
+            adam: AdamConfig::PAPER,
             loss: LossConfig {
                 dice_weight: 0.0,
                 ..LossConfig::default()
