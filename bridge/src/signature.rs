@@ -20,9 +20,9 @@ pub const MOST_WEIGHTS_BYTES: usize = 64 * 1024 * 1024;
 /// Keeps a signature from being taken for one of something else.
 const PURPOSE: &[u8] = b"swath weights v1\n";
 
-/// The BLAKE3 digest of a file.
-pub fn digest(bytes: &[u8]) -> [u8; 32] {
-    *blake3::hash(bytes).as_bytes()
+/// The BLAKE3 digest of a file, in hexadecimal digits.
+pub fn digest(bytes: &[u8]) -> String {
+    blake3::hash(bytes).to_hex().to_string()
 }
 
 /// Sets digest, public key and signature.

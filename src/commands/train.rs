@@ -35,7 +35,7 @@ pub(crate) fn run(
     session: &NetworkOptions,
     config: &Config,
 ) -> Result<(), Failure> {
-    let mut train = train_config(options, config)?;
+    let mut train = train_config(options, config);
     let is_node = options.data.is_empty();
     let initial = initial(options, config, (&mut train, is_node))?;
     if is_node {
@@ -45,7 +45,7 @@ pub(crate) fn run(
     }
 }
 
-fn train_config(options: &TrainOptions, config: &Config) -> anyhow::Result<TrainConfig> {
+fn train_config(options: &TrainOptions, config: &Config) -> TrainConfig {
     let mut train = match options.preset {
         Preset::Cpu => config.train.clone(),
         Preset::Paper => TrainConfig::paper(),
@@ -64,7 +64,7 @@ fn train_config(options: &TrainOptions, config: &Config) -> anyhow::Result<Train
         Some(Size::Half) => InputSize::Half,
         None => train.size,
     };
-    Ok(train)
+    train
 }
 
 /// The weights to start from: those that were asked for, or if `by_default` those that come with
@@ -109,15 +109,14 @@ fn on_recordings(
         .find_map(|(examples, _)| examples.first())
         .context("no samples are left to train on: give more --data")?;
     let info = network_info(train, &first.spec, &config.vehicle);
-    let mut learner = match checkpoint(options)? {
-        Some((checkpoint, path)) => Learner::resume(checkpoint, &path, train, info)?,
-        None => {
-            let mut learner = Learner::new(train.clone(), info)?;
-            if let Some(parameters) = initial {
-                learner.start_from(parameters);
-            }
-            learner
+    let mut learner = if let Some((checkpoint, path)) = checkpoint(options)? {
+        Learner::resume(checkpoint, &path, train, info)?
+    } else {
+        let mut learner = Learner::new(train.clone(), info)?;
+        if let Some(parameters) = initial {
+            learner.start_from(parameters);
         }
+        learner
     };
     output::line(format_args!(
         "{} to train on, {} to validate on, from step {}",

@@ -31,7 +31,6 @@ mod tests {
         assert_eq!(info.vehicle, Vehicle::default().digest());
         assert!(SHIPPED_WEIGHTS.len() <= 2_000_000);
         let digest = swath_bridge::signature::digest(SHIPPED_WEIGHTS);
-        let digest: String = digest.iter().map(|byte| format!("{byte:02x}")).collect();
         assert!(CARD.contains(&digest), "the card does not name {digest}");
     }
 }

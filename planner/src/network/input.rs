@@ -251,8 +251,10 @@ impl Encoding {
                 }
             }
         });
-        Plane::from_packed(self.spec.rows, self.spec.cols, bits.into_bytes())
-            .expect("as many bits as cells were written")
+        let empty = || Plane::empty(self.spec.rows, self.spec.cols);
+        let plane = Plane::from_packed(self.spec.rows, self.spec.cols, bits.into_bytes());
+        debug_assert!(plane.is_ok(), "as many bits as cells were written");
+        plane.unwrap_or_else(|_| empty())
     }
 
     /// The gradient at the logits, given that at the cells: the transpose of [`Self::decode`].

@@ -1,7 +1,13 @@
-//! Times the engine beside ONNX Runtime, PyTorch and plain candle: the same network, the same weights,
-//! in turns, in one run.
+//! Times the engine beside ONNX Runtime, `PyTorch` and plain candle: the same network, the same
+//! weights, in turns, in one run.
 //!
 //! `cargo bench --workspace --bench peers` (installs the runtimes into `.venv-peers` first)
+
+#![expect(
+    clippy::print_stdout,
+    clippy::print_stderr,
+    reason = "a program that prints a table"
+)]
 
 use std::error::Error;
 use std::io::{BufRead, BufReader, Write};

@@ -1,8 +1,3 @@
-#![expect(
-    clippy::inline_always,
-    reason = "a loop must be compiled within the function that enables its instructions"
-)]
-
 //! Operations on one image that change its size: pooling, upsampling, the head.
 
 #![expect(

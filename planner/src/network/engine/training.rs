@@ -133,7 +133,7 @@ impl Training {
             if let Op::Norm(norm) = &self.plan.graph.ops[stretch.start] {
                 let statistics = &mut self.statistics[self.plan.numbers[stretch.start]];
                 let images = self.images[..self.batch].iter();
-                statistics.collect(images.map(Image::moments));
+                statistics.collect(&images.map(Image::moments).collect::<Vec<_>>());
                 statistics.drop_channels(norm, self.batch, random.as_mut());
             }
             let context = Context {

@@ -59,32 +59,32 @@ impl Message {
 pub(super) struct Attribute(Message);
 
 impl Attribute {
-    fn new(name: &str, kind: u64) -> Message {
+    fn begin(name: &str, kind: u64) -> Message {
         let mut message = Message::default();
         message.text(1, name).number(20, kind);
         message
     }
 
     pub(super) fn float(name: &str, value: f32) -> Self {
-        let mut message = Self::new(name, 1);
+        let mut message = Self::begin(name, 1);
         message.float(2, value);
         Self(message)
     }
 
     pub(super) fn int(name: &str, value: i64) -> Self {
-        let mut message = Self::new(name, 2);
+        let mut message = Self::begin(name, 2);
         message.signed(3, value);
         Self(message)
     }
 
     pub(super) fn text(name: &str, value: &str) -> Self {
-        let mut message = Self::new(name, 3);
+        let mut message = Self::begin(name, 3);
         message.text(4, value);
         Self(message)
     }
 
     pub(super) fn ints(name: &str, values: impl IntoIterator<Item = i64>) -> Self {
-        let mut message = Self::new(name, 7);
+        let mut message = Self::begin(name, 7);
         for value in values {
             message.signed(8, value);
         }

@@ -50,7 +50,7 @@ pub(crate) struct Gather<'a> {
     pub(crate) epilogue: Epilogue<'a>,
 }
 
-impl<'a> Gather<'a> {
+impl Gather<'_> {
     /// The outputs from `first` on.
     pub(crate) fn from(self, first: usize) -> Self {
         let skipped = first * self.y_channels;
@@ -304,6 +304,10 @@ unsafe fn each_tile<L: Lanes, const PIXELS: usize, const VECTORS: usize, const C
     } else {
         job.x_channels
     };
+    #[expect(
+        clippy::large_stack_arrays,
+        reason = "27 kB that are neither cleared nor allocated"
+    )]
     let mut gathered = Gathered([MaybeUninit::uninit(); GATHERED]);
     let mut blocks = [(std::ptr::null(), 0); MAX_TAPS];
     let wanted = y.len() / job.y_channels;

@@ -22,7 +22,7 @@ pub(super) trait Lanes {
     /// Four floats again and again.
     unsafe fn load_quad(from: *const f32) -> Self::V;
     /// In each group of four floats, the one of this number four times.
-    unsafe fn spread<const LANE: i32>(value: Self::V) -> Self::V;
+    unsafe fn spread<const LANE: usize>(value: Self::V) -> Self::V;
 }
 
 /// Plain arrays, which the compiler puts into whatever registers there are.
@@ -82,8 +82,8 @@ impl<const N: usize> Lanes for Portable<N> {
     }
 
     #[inline(always)]
-    unsafe fn spread<const LANE: i32>(value: [f32; N]) -> [f32; N] {
-        std::array::from_fn(|lane| value[lane / 4 * 4 + LANE as usize])
+    unsafe fn spread<const LANE: usize>(value: [f32; N]) -> [f32; N] {
+        std::array::from_fn(|lane| value[lane / 4 * 4 + LANE])
     }
 }
 
@@ -160,7 +160,7 @@ mod x86 {
                 }
 
                 #[inline(always)]
-                unsafe fn spread<const LANE: i32>(value: $v) -> $v {
+                unsafe fn spread<const LANE: usize>(value: $v) -> $v {
                     // SAFETY: the caller vouches for the instruction set.
                     unsafe {
                         match LANE {

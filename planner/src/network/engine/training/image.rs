@@ -133,7 +133,7 @@ impl Image {
             Op::Pool { x, y: to } => {
                 let (from, channels) = (graph.buffers[x], graph.buffers[to].channels);
                 compiled_for(*isa, || {
-                    spatial::pool(self.activation(x), from, y, channels)
+                    spatial::pool(self.activation(x), from, y, channels);
                 });
             }
             Op::Upsample { x, .. } => {
@@ -293,7 +293,7 @@ impl Image {
                 self.parameter_gradient = gradient;
             }
             _ => compiled_for(*isa, || {
-                spatial::pool_backward(&dy, channels, &mut dx, from)
+                spatial::pool_backward(&dy, channels, &mut dx, from);
             }),
         }
         self.give_gradient(context.plan, x, dx);

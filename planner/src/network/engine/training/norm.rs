@@ -25,13 +25,13 @@ pub(super) struct Statistics {
 
 impl Statistics {
     /// The statistics of a batch from those of its images.
-    pub(super) fn collect<'a>(&mut self, images: impl Iterator<Item = &'a Moments> + Clone) {
-        let count = images.clone().count() as f64;
-        let channels = images.clone().next().map_or(0, Vec::len);
+    pub(super) fn collect(&mut self, images: &[&Moments]) {
+        let count = images.len() as f64;
+        let channels = images.first().map_or(0, |moments| moments.len());
         self.mean.resize(channels, 0.0);
         self.variance.resize(channels, 0.0);
         for channel in 0..channels {
-            let of_images = images.clone().map(|moments| moments[channel]);
+            let of_images = images.iter().map(|moments| moments[channel]);
             let mean = of_images.clone().map(|(mean, _)| mean).sum::<f64>() / count;
             let spread = |(of_image, variance): (f64, f64)| variance + (of_image - mean).powi(2);
             let variance = of_images.map(spread).sum::<f64>() / count;
