@@ -36,15 +36,11 @@ pub(crate) fn load_parameters(path: Option<&Path>) -> anyhow::Result<(NetworkInf
     Ok((info, parameters))
 }
 
-/// Why the network that comes with swath is of no use for a configuration, if it is not.
-pub(crate) fn shipped_misfit(config: &Config) -> anyhow::Result<Option<String>> {
-    let (info, _) = load_parameters(None)?;
+/// Why a network is of no use for a configuration, if it is not.
+pub(crate) fn misfit(info: &NetworkInfo, config: &Config) -> Option<String> {
     if info.spec != config.grid {
         let (rows, cols) = (info.spec.rows, info.spec.cols);
-        return Ok(Some(format!("it is for {rows} x {cols} cells")));
+        return Some(format!("it is for {rows} x {cols} cells"));
     }
-    if info.vehicle != config.vehicle.digest() {
-        return Ok(Some("it is for another vehicle".to_owned()));
-    }
-    Ok(None)
+    (info.vehicle != config.vehicle.digest()).then(|| "it is for another vehicle".to_owned())
 }

@@ -25,10 +25,9 @@ const VEHICLE: &str = "bench";
 /// Runs the command.
 pub(crate) fn run(options: &BenchOptions, config: &Config) -> Result<(), Failure> {
     check(options)?;
-    let network = match &options.weights {
-        None if network::shipped_misfit(config)?.is_some() => None,
-        path => Some(network::load(path.as_deref())?),
-    };
+    let network = network::load(options.weights.as_deref())?;
+    let is_of_use = options.weights.is_some() || network::misfit(network.info(), config).is_none();
+    let network = is_of_use.then_some(network);
     let methods = methods_of(options, network.is_some())?;
     let scenes = scenes_of(&options.log, config)?;
     let bench = Bench {

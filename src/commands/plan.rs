@@ -37,18 +37,16 @@ fn network_of(options: &PlanOptions, config: &Config) -> anyhow::Result<Option<N
     if options.weights.is_some() || options.method.is_some() {
         return network::load(options.weights.as_deref()).map(Some);
     }
+    let network = network::load(None)?;
     let misfit = if options.map.is_some() && options.reference.is_none() {
         Some("it needs a --reference".to_owned())
     } else {
-        network::shipped_misfit(config)?
+        network::misfit(network.info(), config)
     };
-    match misfit {
-        Some(misfit) => {
-            tracing::info!("tiev plans without the network that comes with swath: {misfit}");
-            Ok(None)
-        }
-        None => network::load(None).map(Some),
+    if let Some(misfit) = &misfit {
+        tracing::info!("tiev plans without the network that comes with swath: {misfit}");
     }
+    Ok(misfit.is_none().then_some(network))
 }
 
 fn plan_once(

@@ -188,12 +188,12 @@ impl Training {
                 }
                 image.backward(&context, index, stretch.clone());
             });
-            self.add_gradients(stretch, parameters.values(), gradient);
+            self.add_gradients(stretch, gradient);
         }
     }
 
     /// Adds what the images found for the parameters of a stretch.
-    fn add_gradients(&mut self, stretch: Range<usize>, values: &[f32], gradient: &mut [f32]) {
+    fn add_gradients(&mut self, stretch: Range<usize>, gradient: &mut [f32]) {
         let images = &self.images[..self.batch];
         for (index, op) in self.plan.graph.ops[stretch.clone()].iter().enumerate() {
             match op {
@@ -219,7 +219,6 @@ impl Training {
                 _ => {}
             }
         }
-        debug_assert!(values.len() == gradient.len());
     }
 
     /// Moves the running statistics towards those of the last forward pass.
