@@ -89,11 +89,12 @@ fn training_steps(criterion: &mut Criterion) {
         for batch in [8, 16] {
             let input = vec![0.5; batch * training.input_len()];
             let slope = vec![1e-6; batch * training.output_len()];
+            let scores = vec![1e-3; batch * training.scores_len()];
             let dropout = Some(Dropout { seed: 1, pass: 1 });
             group.bench_function(BenchmarkId::new(&name, batch), |bencher| {
                 bencher.iter(|| {
                     training.forward(&parameters, &input, dropout);
-                    training.backward(&parameters, &slope, &mut gradient);
+                    training.backward(&parameters, (&slope, &scores), &mut gradient);
                 });
             });
         }

@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 use swath_bridge::{GridSpec, Occupancy, Pose2};
 
 use crate::collision::CollisionMap;
-use crate::network::{Network, Surroundings};
+use crate::network::{Network, Prediction, Reach, Surroundings};
 use crate::plan::{PlanConfig, Planner, TargetPlan};
 use crate::timing::CpuTimer;
 use crate::{Error, MotionModel, Plane};
@@ -58,6 +58,8 @@ pub struct FramePlan {
     pub targets: Vec<TargetPlan>,
     /// The regions that were predicted, one for each goal; none without a network.
     pub regions: Vec<Plane>,
+    /// How well each goal can be reached, as far as the network says.
+    pub reach: Vec<Option<Reach>>,
     /// Elapsed time of the prediction.
     pub network: Duration,
     /// Elapsed time of the searches.
@@ -97,18 +99,27 @@ impl FramePlanner {
     ) -> Result<FramePlan, Error> {
         let cpu = CpuTimer::of_process();
         let started = Instant::now();
-        let regions = network
+        let predictions = network
             .map(|network| predict(input, network, config.speed_m_per_s))
             .transpose()?;
         let network_time = started.elapsed();
+        let (regions, reach) = predictions.map_or_else(Default::default, |predictions| {
+            let parts = predictions.into_iter();
+            let parts = parts.map(|prediction| (prediction.region, prediction.reach));
+            parts.unzip::<_, _, Vec<_>, Vec<_>>()
+        });
         let map = CollisionMap::new(Arc::clone(&self.model), input.spec, input.obstacles)?;
-        let targets = self
-            .planner
-            .plan(&map, input.goals, regions.as_deref(), config)?;
+        let targets = self.planner.plan(
+            &map,
+            input.goals,
+            network.map(|_| regions.as_slice()),
+            config,
+        )?;
         let total = started.elapsed();
         Ok(FramePlan {
             targets,
-            regions: regions.unwrap_or_default(),
+            regions,
+            reach,
             network: if network.is_some() {
                 network_time
             } else {
@@ -126,7 +137,7 @@ fn predict(
     input: &FrameInput<'_>,
     network: &Network,
     speed_m_per_s: f64,
-) -> Result<Vec<Plane>, Error> {
+) -> Result<Vec<Prediction>, Error> {
     let info = network.info();
     if info.spec != input.spec {
         return Err(Error::GridMismatch {

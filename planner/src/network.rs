@@ -5,6 +5,7 @@
 //! with its own training pass (`engine`) and a plain one on candle (`reference`).
 
 mod autograd;
+mod disc_ways;
 mod engine;
 mod goal_features;
 mod graph;
@@ -12,6 +13,7 @@ mod input;
 mod onnx;
 mod parameters;
 mod predictor;
+mod reach;
 mod reference;
 
 pub use autograd::Differentiable;
@@ -20,5 +22,6 @@ pub use graph::{Architecture, INPUT_PLANES, PARAMETER_COUNT, SIDE_MULTIPLE};
 pub use input::{Encoding, InputSize, Surroundings};
 pub use onnx::to_onnx;
 pub use parameters::{MAX_WEIGHTS_BYTES, Parameters};
-pub use predictor::{Network, NetworkInfo};
+pub use predictor::{Network, NetworkInfo, Prediction};
+pub use reach::Reach;
 pub use reference::Reference;

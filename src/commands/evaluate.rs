@@ -7,7 +7,7 @@ use swath_bridge::msg::header::Header;
 use swath_bridge::msg::swath::Evaluation;
 use swath_bridge::recording::Writer;
 use swath_bridge::{clock, keys};
-use swath_trainer::{DISTANCE_GROUPS_M, Predictor, Report, evaluate};
+use swath_trainer::{DISTANCE_GROUPS_M, Predictor, Ranking, Report, evaluate, ranking};
 
 use super::train::{open, set_aside};
 use crate::cli::EvaluateOptions;
@@ -23,7 +23,7 @@ const RUN: &str = "file";
 /// Runs the command.
 pub(crate) fn run(options: &EvaluateOptions, config: &Config) -> Result<(), Failure> {
     let network = network::load(options.weights.as_deref())?;
-    let mut examples = open(&options.data)?.solved;
+    let mut examples = open(&options.data)?.into_examples();
     if let Some(count) = options.aside.aside {
         examples = set_aside(examples, &options.aside, count).1;
     }
@@ -45,6 +45,7 @@ pub(crate) fn run(options: &EvaluateOptions, config: &Config) -> Result<(), Fail
             evaluate(predictor, &examples, dilation_m, true)?,
         ));
     }
+    let ranking = ranking(&network, &examples)?;
     if let Some(path) = &options.picture {
         picture::draw(path, predictors[0], (&examples, dilation_m), config)?;
     }
@@ -52,9 +53,10 @@ pub(crate) fn run(options: &EvaluateOptions, config: &Config) -> Result<(), Fail
         record(out, &split_name(options), &reports)?;
     }
     if options.json {
-        output::json(&Json::new(&reports)?)?;
+        output::json(&Json::new(&reports, ranking)?)?;
     } else {
         print(&reports)?;
+        print_ranking(ranking)?;
     }
     Ok(())
 }
@@ -77,6 +79,18 @@ struct Json {
     by_scene: Vec<(String, ScoreJson)>,
     by_distance: Vec<DistanceJson>,
     baselines: Vec<(&'static str, ScoreJson)>,
+    /// How well targets are ranked before any search.
+    ranking: Option<RankingJson>,
+}
+
+#[derive(Debug, Serialize)]
+struct RankingJson {
+    solvable: usize,
+    unsolvable: usize,
+    auc: f64,
+    auc_clearance: f64,
+    rank_cost: f64,
+    rank_steps: f64,
 }
 
 #[derive(Debug, Serialize)]
@@ -109,7 +123,7 @@ impl ScoreJson {
 }
 
 impl Json {
-    fn new(reports: &[(&'static str, Report)]) -> anyhow::Result<Self> {
+    fn new(reports: &[(&'static str, Report)], ranking: Option<Ranking>) -> anyhow::Result<Self> {
         let Some(((_, network), baselines)) = reports.split_first() else {
             anyhow::bail!("nothing was evaluated");
         };
@@ -132,8 +146,28 @@ impl Json {
                 .iter()
                 .map(|(name, report)| (*name, ScoreJson::new(&report.scores.total)))
                 .collect(),
+            ranking: ranking.map(|ranking| RankingJson {
+                solvable: ranking.targets.0,
+                unsolvable: ranking.targets.1,
+                auc: ranking.auc,
+                auc_clearance: ranking.auc_clearance,
+                rank_cost: ranking.rank_cost,
+                rank_steps: ranking.rank_steps,
+            }),
         })
     }
+}
+
+fn print_ranking(ranking: Option<Ranking>) -> anyhow::Result<()> {
+    let Some(ranking) = ranking else {
+        return Ok(());
+    };
+    let (with, without) = ranking.targets;
+    output::line(format_args!(
+        "targets before any search: {with} with a path, {without} without; area under the ROC curve \
+         {:.3} (clearance alone {:.3}); rank correlation with cost {:.3}, with steps {:.3}",
+        ranking.auc, ranking.auc_clearance, ranking.rank_cost, ranking.rank_steps
+    ))
 }
 
 fn print(reports: &[(&'static str, Report)]) -> anyhow::Result<()> {

@@ -176,11 +176,11 @@ fn samples(options: &TrainOptions) -> anyhow::Result<(Groups, Vec<Validation>)> 
     if let Some(path) = &options.validation {
         validation.push(Validation {
             name: "validation".to_owned(),
-            examples: open(std::slice::from_ref(path))?.solved,
+            examples: open(std::slice::from_ref(path))?.into_examples(),
         });
     }
     for (index, shown) in options.data.iter().enumerate() {
-        let mut examples = open(std::slice::from_ref(&shown.path))?.solved;
+        let mut examples = open(std::slice::from_ref(&shown.path))?.into_examples();
         let aside = match options.aside.aside {
             Some(count) => count,
             None if validation.is_empty() => examples.len() / ASIDE_EVERY,

@@ -90,6 +90,7 @@ impl TrainConfig {
             adam: AdamConfig::PAPER,
             loss: LossConfig {
                 dice_weight: 0.0,
+                reach_weight: 0.0,
                 ..LossConfig::default()
             },
             mirror: false,
@@ -140,6 +141,12 @@ impl TrainConfig {
                 "loss.path_weight",
                 f64::from(self.loss.path_weight),
                 0.01,
+                100.0,
+            ),
+            (
+                "loss.reach_weight",
+                f64::from(self.loss.reach_weight),
+                0.0,
                 100.0,
             ),
             ("label_dilation_m", dilation, 0.1, 10.0),

@@ -6,7 +6,7 @@ use swath_bridge::msg::Message;
 use swath_bridge::msg::swath::Sample;
 use swath_bridge::recording::Reader;
 
-use crate::{Error, Example};
+use crate::{Error, Example, Reached};
 
 /// Most samples that are kept in memory, about 30 kB each.
 pub const MAX_EXAMPLES: usize = 400_000;
@@ -77,6 +77,13 @@ impl Dataset {
             Ok(example) => self.unsolved.push(example),
             Err(error) => self.reject(&error),
         }
+    }
+
+    /// The samples to learn from: those with a path, and those of which it is known that there is none.
+    pub fn into_examples(self) -> Vec<Example> {
+        let known = |example: &Example| Reached::of(example).is_some();
+        let unsolved = self.unsolved.into_iter().filter(known);
+        self.solved.into_iter().chain(unsolved).collect()
     }
 
     fn first_spec(&self) -> Option<swath_bridge::GridSpec> {

@@ -45,8 +45,9 @@ impl Predictor<'_> {
         match self {
             Self::Network(network) => {
                 let goal = std::slice::from_ref(&example.goal);
-                let regions = network.predict(&example.surroundings(), goal)?;
-                let region = regions.into_iter().next().unwrap_or_else(|| empty(example));
+                let predictions = network.predict(&example.surroundings(), goal)?;
+                let first = predictions.into_iter().next();
+                let region = first.map_or_else(|| empty(example), |first| first.region);
                 // A wider region is what was learnt, grown by what is missing.
                 let by_m = dilation_m - network.info().label_dilation_m;
                 Ok(grown(region, &example.spec, by_m))

@@ -9,6 +9,8 @@ use crate::Error;
 
 /// Most characters of a scene's name.
 const MAX_SCENE_CHARS: usize = 64;
+/// Highest cost of a path, metres and radians.
+const MAX_COST: f32 = 1e6;
 /// Highest speed, m/s.
 const MAX_SPEED_M_PER_S: f64 = 100.0;
 /// Most poses of a path.
@@ -33,6 +35,10 @@ pub struct Example {
     pub speed_m_per_s: f64,
     /// What became of the search.
     pub outcome: Outcome,
+    /// Cost of the path, metres and radians; NaN without one.
+    pub cost: f32,
+    /// Steps of the search.
+    pub steps: f32,
     /// The path itself.
     pub path: Vec<Pose2>,
     /// Kind of scene.
@@ -88,6 +94,9 @@ impl Example {
         }
         let label = plane("label", sample.label)?;
         let solved = outcome == Outcome::Solved;
+        if solved && !(0.0..=MAX_COST).contains(&sample.cost) {
+            return Err(format!("cost {}, expected 0 to {MAX_COST}", sample.cost));
+        }
         if solved != (label.count() > 0) {
             let (name, cells) = (outcome.name(), label.count());
             return Err(format!("outcome {name}, but {cells} cells in the label"));
@@ -101,6 +110,8 @@ impl Example {
             goal,
             speed_m_per_s,
             outcome,
+            cost: sample.cost,
+            steps: sample.steps as f32,
             path,
             scene: sample.scene.chars().take(MAX_SCENE_CHARS).collect(),
             scene_id: sample.scene_id,
@@ -146,6 +157,8 @@ impl Example {
             goal: mirrored_pose(&self.goal),
             speed_m_per_s: self.speed_m_per_s,
             outcome: self.outcome,
+            cost: self.cost,
+            steps: self.steps,
             path: self.path.iter().map(mirrored_pose).collect(),
             scene: self.scene.clone(),
             scene_id: self.scene_id,

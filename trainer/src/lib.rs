@@ -11,6 +11,7 @@ mod loss;
 pub mod node;
 mod optimiser;
 mod random;
+mod reach;
 mod run;
 mod schedule;
 mod score;
@@ -27,6 +28,7 @@ pub use evaluate::{Predictor, Report, evaluate, ranked};
 pub use example::Example;
 pub use loss::{LossConfig, loss_and_gradient};
 pub use optimiser::{Adam, AdamConfig, AdamState, Decay};
+pub use reach::{Ranking, Reached, ranking};
 pub use run::{
     BEST_FILE, CHECKPOINT_FILE, Observer, Run, ScoreReport, StepReport, Summary, Unobserved,
     Validation, WEIGHTS_FILE,

@@ -19,6 +19,8 @@ pub struct LossConfig {
     pub dice_weight: f32,
     /// Factor of the cross entropy of cells in the label.
     pub path_weight: f32,
+    /// Factor of the loss of whether and how a target can be reached.
+    pub reach_weight: f32,
 }
 
 impl Default for LossConfig {
@@ -26,6 +28,7 @@ impl Default for LossConfig {
         Self {
             dice_weight: 0.5,
             path_weight: 1.0,
+            reach_weight: 0.1,
         }
     }
 }
@@ -54,7 +57,7 @@ fn sigmoid_of(logit: f32, small: f32) -> f32 {
 }
 
 /// The sum over images of their losses divided by `images_in_batch`; `gradient` becomes its
-/// derivative.
+/// derivative. Images with an empty label are of targets without a path, and cost nothing.
 ///
 /// Infinite and undefined logits give a loss that is not finite, never a panic.
 ///
@@ -96,6 +99,10 @@ fn image_loss(
     gradient: &mut [f32],
     share: f64,
 ) -> f64 {
+    if label.packed().iter().all(|&bits| bits == 0) {
+        gradient.fill(0.0);
+        return 0.0;
+    }
     let cell_share = (share / logits.len() as f64) as f32;
     let mut entropy = 0.0;
     let (mut common, mut both) = (0.0, 0.0);
@@ -191,7 +198,7 @@ mod tests {
             logits in proptest::collection::vec(-6.0f32..6.0, 24),
             dice_weight in 0.0f32..2.0, path_weight in 0.5f32..3.0, step in 2usize..6,
         ) {
-            let config = LossConfig { dice_weight, path_weight };
+            let config = LossConfig { dice_weight, path_weight, ..LossConfig::default() };
             let (first, second) = (label(12, step), label(12, step + 1));
             let labels = [&first, &second];
             let mut gradient = vec![0.0; 24];

@@ -1,6 +1,6 @@
 //! Setting samples aside for testing, at random or by scene.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 
 use serde::{Deserialize, Serialize};
 
@@ -20,7 +20,8 @@ pub enum Split {
     Scene,
 }
 
-/// Sets at least `count` samples aside; the rest comes first. Which ones depends on `seed` only.
+/// Sets samples aside until at least `count` of them have a path; the rest comes first. Which ones
+/// depends on `seed` only.
 pub fn split(
     examples: Vec<Example>,
     by: Split,
@@ -28,49 +29,34 @@ pub fn split(
     seed: u64,
 ) -> (Vec<Example>, Vec<Example>) {
     let mut random = stream(seed, SPLIT_STREAM);
-    let mut aside = vec![false; examples.len()];
-    match by {
-        Split::Random => {
-            let mut order: Vec<usize> = (0..examples.len()).collect();
-            shuffle(&mut random, &mut order);
-            for index in order.into_iter().take(count) {
-                aside[index] = true;
-            }
-        }
-        Split::Scene => {
-            let scenes: BTreeSet<_> = examples.iter().map(scene_key).collect();
-            let mut scenes: Vec<_> = scenes.into_iter().collect();
-            shuffle(&mut random, &mut scenes);
-            let mut chosen = BTreeSet::new();
-            let mut found = 0;
-            for scene in scenes {
-                if found >= count {
-                    break;
-                }
-                found += examples
-                    .iter()
-                    .filter(|example| scene_key(example) == scene)
-                    .count();
-                chosen.insert(scene);
-            }
-            for (aside, example) in aside.iter_mut().zip(&examples) {
-                *aside = chosen.contains(&scene_key(example));
-            }
-        }
+    let unit = |index: usize, example: &Example| match by {
+        Split::Random => index as u64,
+        Split::Scene => example.scene_id,
+    };
+    let mut solved_in = BTreeMap::new();
+    for (index, example) in examples.iter().enumerate() {
+        *solved_in.entry(unit(index, example)).or_insert(0) += usize::from(example.is_solved());
     }
-    let (mut rest, mut chosen) = (Vec::new(), Vec::new());
-    for (example, aside) in examples.into_iter().zip(aside) {
-        if aside {
-            chosen.push(example);
+    let mut units: Vec<u64> = solved_in.keys().copied().collect();
+    shuffle(&mut random, &mut units);
+    let mut chosen = BTreeSet::new();
+    let mut found = 0;
+    for unit in units {
+        if found >= count {
+            break;
+        }
+        found += solved_in[&unit];
+        chosen.insert(unit);
+    }
+    let (mut rest, mut aside) = (Vec::new(), Vec::new());
+    for (index, example) in examples.into_iter().enumerate() {
+        if chosen.contains(&unit(index, &example)) {
+            aside.push(example);
         } else {
             rest.push(example);
         }
     }
-    (rest, chosen)
-}
-
-const fn scene_key(example: &Example) -> u64 {
-    example.scene_id
+    (rest, aside)
 }
 
 #[cfg(test)]

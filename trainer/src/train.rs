@@ -14,6 +14,7 @@ use crate::evaluate::{Predictor, Report, evaluate};
 use crate::example::{mirrored, mirrored_pose};
 use crate::loss::loss_and_gradient;
 use crate::optimiser::Adam;
+use crate::reach::{self, Reached};
 use crate::source::Shown;
 use crate::{Error, Example, TrainConfig};
 
@@ -27,6 +28,7 @@ pub fn network_info(config: &TrainConfig, spec: &GridSpec, vehicle: &Vehicle) ->
         size: config.size,
         vehicle: vehicle.digest(),
         min_turning_radius_m: vehicle.min_turning_radius_m,
+        half_width_m: vehicle.half_width_m,
         label_dilation_m: config.label_dilation_m.unwrap_or(DEFAULT_LABEL_DILATION_M),
         ..NetworkInfo::default()
     }
@@ -197,11 +199,20 @@ impl Learner {
             .par_chunks_exact(cells)
             .zip(memory.logit_gradient.par_chunks_exact_mut(logit_len))
             .for_each(|(cells, logits)| encoding.decode_backward(cells, logits));
-        let gradient = &mut memory.gradient;
+        let (of_reach, score_gradient) = reach::loss_and_gradient(
+            self.config.loss.reach_weight,
+            &part
+                .iter()
+                .map(|shown| Reached::of(&shown.example))
+                .collect::<Vec<_>>(),
+            &self.network.scores(),
+            batch,
+        );
+        let gradients = (memory.logit_gradient.as_slice(), score_gradient.as_slice());
         self.network
-            .backward(&self.parameters, &memory.logit_gradient, gradient);
+            .backward(&self.parameters, gradients, &mut memory.gradient);
         self.network.update_running(&mut self.parameters);
-        Ok(loss)
+        Ok(loss + of_reach)
     }
 
     /// Where the training stands.

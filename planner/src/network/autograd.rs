@@ -96,7 +96,7 @@ impl Differentiable {
     /// result has gradients with respect to [`Self::variable`].
     ///
     /// # Shapes
-    /// `planes`: batch × 3 × rows × cols; `features`: batch × 20 × rows / 8 × cols / 8, for
+    /// `planes`: batch × 3 × rows × cols; `features`: batch × 27 × rows / 8 × cols / 8, for
     /// `enet-shared` only; result: batch × 1 × rows × cols.
     ///
     /// # Errors
@@ -235,7 +235,8 @@ impl CustomOp2 for TrainingPass {
             *pass = self.pass;
         }
         let mut gradient = vec![0.0; parameters.values().len()];
-        training.backward(parameters, &logit_gradient, &mut gradient);
+        let scores = vec![0.0; training.scores().len()];
+        training.backward(parameters, (&logit_gradient, &scores), &mut gradient);
         let gradient = Tensor::from_vec(gradient, flat.shape(), &Device::Cpu)?;
         Ok((Some(gradient), None))
     }
@@ -287,12 +288,14 @@ pub(super) fn one_image(
     planes.copy_from_slice(of_map);
     network.see_map(map);
     network.goal_input(goal).copy_from_slice(of_goal);
-    network.see_goal(map, goal, false).to_vec()
+    network.see_goal(map, goal, false);
+    network.logits(goal).to_vec()
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::network::graph::GOAL_FEATURES;
     use crate::network::{Network, NetworkInfo, Reference};
     use candle_nn::{AdamW, Optimizer, ParamsAdamW};
 
@@ -304,10 +307,10 @@ mod tests {
     }
 
     fn features(images: usize) -> Tensor {
-        let values: Vec<f32> = (0..images * 20 * 4 * 3)
+        let values: Vec<f32> = (0..images * GOAL_FEATURES * 4 * 3)
             .map(|index| f32::from(u8::try_from(index * 17 % 5).unwrap()) / 5.0)
             .collect();
-        Tensor::from_vec(values, (images, 20, 4, 3), &Device::Cpu).unwrap()
+        Tensor::from_vec(values, (images, GOAL_FEATURES, 4, 3), &Device::Cpu).unwrap()
     }
 
     fn flat(tensor: &Tensor) -> Vec<f32> {

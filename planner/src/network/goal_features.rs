@@ -4,11 +4,13 @@
 //! The paper gives its network the target as one more plane of cells. A network that looks at the map
 //! only once needs more: relative coordinates, and since the labels are the shortest paths of a car,
 //! the course of the shortest path of a car in the open (L. Dubins, 1957), from which obstacles make
-//! it deviate.
+//! it deviate, and that of the shortest way of a disc around the obstacles (`disc_ways`), which says
+//! on which side to pass them.
 
 use swath_bridge::Pose2;
 
 use super::graph::GOAL_FEATURES;
+use super::disc_ways::DiscWays;
 use crate::dubins::shortest_path;
 
 /// Distances along the drive are divided by this, metres.
@@ -39,7 +41,7 @@ pub(super) struct Pixels {
     pub(super) first: (f64, f64),
 }
 
-/// A pose of the open drive.
+/// A pose of the open drive or of a disc's way.
 #[derive(Debug, Clone, Copy)]
 struct Station {
     x_m: f32,
@@ -48,29 +50,57 @@ struct Station {
     sin: f32,
 }
 
+impl Station {
+    #[expect(
+        clippy::cast_possible_truncation,
+        reason = "the network is of single precision"
+    )]
+    fn at(pose: &Pose2) -> Self {
+        let (sin, cos) = libm::sincos(pose.yaw_rad);
+        Self {
+            x_m: pose.x_m as f32,
+            y_m: pose.y_m as f32,
+            cos: cos as f32,
+            sin: sin as f32,
+        }
+    }
+}
+
 /// Writes the features of a goal for a vehicle that turns no tighter than `radius_m`.
 ///
 /// # Shapes
-/// `features`: rows × cols × 20.
+/// `features`: rows × cols × 27.
 #[expect(
     clippy::cast_possible_truncation,
     reason = "the network is of single precision"
 )]
-pub(super) fn write(pixels: &Pixels, goal: &Pose2, radius_m: f64, features: &mut [f32]) {
+pub(super) fn write(
+    pixels: &Pixels,
+    ways: &DiscWays,
+    goal: &Pose2,
+    radius_m: f64,
+    features: &mut [f32],
+) {
     let drive = open_drive(goal, radius_m);
+    let way = ways.to(goal);
+    let is_reached = f32::from(u8::from(way.is_some()));
+    let way = along(&way.unwrap_or_else(|| vec![(0.0, 0.0), (goal.x_m, goal.y_m)]));
     let (goal_x, goal_y) = (goal.x_m as f32, goal.y_m as f32);
     let (sin, cos) = libm::sincos(goal.yaw_rad);
     let (sin, cos) = (sin as f32, cos as f32);
     let reach = libm::hypotf(goal_x, goal_y).max(1.0);
     let length = drive.len() as f32 * DRIVE_STEP_M as f32;
     let detour = (length / reach - 1.0).clamp(0.0, 3.0);
+    let way_length = way.len() as f32 * DRIVE_STEP_M as f32;
+    let way_detour = (way_length / reach - 1.0).clamp(0.0, 3.0);
     for (index, to) in features.chunks_exact_mut(GOAL_FEATURES).enumerate() {
         let (row, col) = (index / pixels.cols, index % pixels.cols);
         let x = (pixels.first.0 - row as f64 * pixels.side_m) as f32;
         let y = (pixels.first.1 - col as f64 * pixels.side_m) as f32;
         let (dx, dy) = (x - goal_x, y - goal_y);
         let squared = dx * dx + dy * dy;
-        let nearest = nearest(&drive, x, y);
+        let driven = nearest(&drive, x, y);
+        let way = nearest(&way, x, y);
         to.copy_from_slice(&[
             (dx * cos + dy * sin) / LENGTH_SCALE_M,
             (dy * cos - dx * sin) / WIDTH_SCALE_M,
@@ -87,21 +117,24 @@ pub(super) fn write(pixels: &Pixels, goal: &Pose2, radius_m: f64, features: &mut
             // Beside and along the straight line from the vehicle to the goal.
             (goal_x * y - goal_y * x) / (reach * WIDTH_SCALE_M),
             ((goal_x * x + goal_y * y) / (reach * reach)).clamp(-1.0, 2.0),
-            nearest.across_m.clamp(-DRIVE_REACH_M, DRIVE_REACH_M) / DRIVE_REACH_M,
-            bell(nearest.squared, DRIVE_BELL_M),
-            nearest.station.cos,
-            nearest.station.sin,
-            nearest.at_m / LENGTH_SCALE_M,
+            driven.across_m.clamp(-DRIVE_REACH_M, DRIVE_REACH_M) / DRIVE_REACH_M,
+            bell(driven.squared, DRIVE_BELL_M),
+            driven.station.cos,
+            driven.station.sin,
+            driven.at_m / LENGTH_SCALE_M,
             detour,
+            way.across_m.clamp(-DRIVE_REACH_M, DRIVE_REACH_M) / DRIVE_REACH_M,
+            bell(way.squared, DRIVE_BELL_M),
+            way.station.cos,
+            way.station.sin,
+            way.at_m / LENGTH_SCALE_M,
+            way_detour,
+            is_reached,
         ]);
     }
 }
 
 /// The course in the open, or the straight line where that winds too much. Never empty.
-#[expect(
-    clippy::cast_possible_truncation,
-    reason = "the network is of single precision"
-)]
 fn open_drive(goal: &Pose2, radius_m: f64) -> Vec<Station> {
     let origin = Pose2::default();
     let mut poses = shortest_path(&origin, goal, radius_m, DRIVE_STEP_M);
@@ -117,16 +150,32 @@ fn open_drive(goal: &Pose2, radius_m: f64) -> Vec<Station> {
             step += 1.0;
         }
     }
-    let station = |pose: &Pose2| {
-        let (sin, cos) = libm::sincos(pose.yaw_rad);
-        Station {
-            x_m: pose.x_m as f32,
-            y_m: pose.y_m as f32,
-            cos: cos as f32,
-            sin: sin as f32,
+    poses.iter().map(Station::at).collect()
+}
+
+/// Poses along the line through some corners, from the first to the last.
+fn along(corners: &[(f64, f64)]) -> Vec<Station> {
+    let mut stations = Vec::new();
+    for pair in corners.windows(2) {
+        let (from, to) = (pair[0], pair[1]);
+        let (dx, dy) = (to.0 - from.0, to.1 - from.1);
+        let yaw_rad = libm::atan2(dy, dx);
+        let steps = (libm::hypot(dx, dy) / DRIVE_STEP_M)
+            .ceil()
+            .clamp(1.0, MAX_DRIVE_POSES as f64);
+        let mut step = 0.0;
+        while step < steps && stations.len() < MAX_DRIVE_POSES {
+            let share = step / steps;
+            let pose = Pose2::new(from.0 + dx * share, from.1 + dy * share, yaw_rad);
+            stations.push(Station::at(&pose));
+            step += 1.0;
         }
-    };
-    poses.iter().map(station).collect()
+    }
+    if let [.., from, to] = *corners {
+        let yaw_rad = libm::atan2(to.1 - from.1, to.0 - from.0);
+        stations.push(Station::at(&Pose2::new(to.0, to.1, yaw_rad)));
+    }
+    stations
 }
 
 /// The place of the open drive that is nearest to a pixel.
@@ -178,7 +227,7 @@ mod tests {
 
     fn features(goal: &Pose2, radius_m: f64) -> Vec<f32> {
         let mut features = vec![f32::NAN; PIXELS.rows * PIXELS.cols * GOAL_FEATURES];
-        write(&PIXELS, goal, radius_m, &mut features);
+        write(&PIXELS, &DiscWays::default(), goal, radius_m, &mut features);
         features
     }
 
@@ -201,8 +250,9 @@ mod tests {
         };
         let straight = features(&Pose2::new(25.0, 6.0, 0.3), 7.0);
         let mut other = vec![0.0; straight.len()];
-        write(&mirrored, &Pose2::new(25.0, -6.0, -0.3), 7.0, &mut other);
-        let odd = [1, 6, 8, 11, 12, 14, 17];
+        let goal = Pose2::new(25.0, -6.0, -0.3);
+        write(&mirrored, &DiscWays::default(), &goal, 7.0, &mut other);
+        let odd = [1, 6, 8, 11, 12, 14, 17, 20, 23];
         for (index, of_pixel) in straight.chunks_exact(GOAL_FEATURES).enumerate() {
             let (row, col) = (index / PIXELS.cols, index % PIXELS.cols);
             let at = (row * PIXELS.cols + PIXELS.cols - 1 - col) * GOAL_FEATURES;

@@ -21,8 +21,12 @@ pub const PARAMETER_COUNT: usize = 362_832;
 pub const SIDE_MULTIPLE: usize = 8;
 /// Input planes: obstacles, reference, and the target or the vehicle.
 pub const INPUT_PLANES: usize = 3;
+/// What `enet-shared` says of a goal as a whole: whether there is a path, its cost, the steps to it.
+pub(crate) const SCORES: usize = 3;
+/// Feature of a goal by which pixels count towards its scores: a bell of 8 m.
+pub(crate) const NEAR_GOAL: usize = 4;
 /// Features of a goal at each pixel of an eighth of the resolution, for `enet-shared`.
-pub(crate) const GOAL_FEATURES: usize = 20;
+pub(crate) const GOAL_FEATURES: usize = 27;
 
 /// Added to a variance before its root is taken.
 pub(crate) const NORM_EPSILON: f32 = 1e-3;
@@ -256,6 +260,15 @@ pub(crate) enum Op {
         b: BufferId,
         y: BufferId,
     },
+    /// Linear in two means of each channel over the pixels: all alike, and weighted by the feature
+    /// [`NEAR_GOAL`] of `goal`.
+    Score {
+        x: BufferId,
+        goal: BufferId,
+        y: BufferId,
+        kernel: usize,
+        bias: usize,
+    },
     /// Full transposed convolution 2×2 with bias to one logit at twice the size.
     Head {
         x: BufferId,
@@ -276,6 +289,7 @@ impl Op {
             | Self::Head { x, y, .. } => (vec![x], y),
             Self::Norm(norm) => ([norm.x].into_iter().chain(norm.residual).collect(), norm.y),
             Self::Add { a, b, y } => (vec![a, b], y),
+            Self::Score { x, goal, y, .. } => (vec![x, goal], y),
         }
     }
 }
@@ -290,6 +304,8 @@ pub(crate) struct Graph {
     pub(crate) map_ops: usize,
     /// The buffer that holds features of the goal.
     pub(crate) goal: Option<BufferId>,
+    /// The buffer that holds what is said of the goal as a whole.
+    pub(crate) scores: Option<BufferId>,
     pub(crate) trained_len: usize,
     pub(crate) running_len: usize,
 }

@@ -10,6 +10,7 @@ use swath_bridge::{Cell, GridSpec, Pose2};
 
 use super::engine::kernel::{Isa, compiled_for};
 use super::engine::spatial::{FAR, NEAR, bilinear_lines};
+use super::disc_ways::{Disc, DiscWays};
 use super::goal_features::{self, Pixels};
 use super::graph::{Architecture, GOAL_FEATURES, INPUT_PLANES, SIDE_MULTIPLE};
 use crate::plane::each_cell_near;
@@ -70,6 +71,8 @@ pub struct Encoding {
     pub disc_m: f64,
     /// Smallest turning radius of the vehicle, metres.
     pub min_turning_radius_m: f64,
+    /// Half of the vehicle's width, metres.
+    pub half_width_m: f64,
 }
 
 impl Encoding {
@@ -145,7 +148,11 @@ impl Encoding {
     ) -> Result<(), Error> {
         let (planes, features) = input.split_at_mut(self.planes_len());
         self.encode_planes(surroundings, Some(goal), planes)?;
-        self.encode_goal(surroundings, goal, features);
+        if !features.is_empty() {
+            let mut ways = DiscWays::default();
+            self.survey(surroundings, &mut ways);
+            self.encode_goal(surroundings, &ways, goal, features);
+        }
         Ok(())
     }
 
@@ -194,21 +201,33 @@ impl Encoding {
         Ok(())
     }
 
-    /// Writes what describes the goal beside the planes.
+    /// Finds the ways that the features of goals tell of.
+    pub(super) fn survey(&self, surroundings: &Surroundings<'_>, ways: &mut DiscWays) {
+        let disc = Disc {
+            radius_m: self.half_width_m,
+            turning_radius_m: self.turning_radius_m(surroundings),
+        };
+        ways.survey(surroundings.obstacles, &self.spec, disc);
+    }
+
+    /// The tightest circle at the vehicle's speed, metres.
+    fn turning_radius_m(&self, surroundings: &Surroundings<'_>) -> f64 {
+        let curvature_per_m = max_curvature_per_m(surroundings.speed_m_per_s);
+        self.min_turning_radius_m.max(1.0 / curvature_per_m)
+    }
+
+    /// Writes what describes the goal beside the planes, of an architecture that asks for it.
     ///
     /// # Shapes
     /// `features`: [`Self::features_len`].
     pub(super) fn encode_goal(
         &self,
         surroundings: &Surroundings<'_>,
+        ways: &DiscWays,
         goal: &Pose2,
         features: &mut [f32],
     ) {
-        if features.is_empty() {
-            return;
-        }
-        let curvature_per_m = max_curvature_per_m(surroundings.speed_m_per_s);
-        let radius_m = self.min_turning_radius_m.max(1.0 / curvature_per_m);
+        let radius_m = self.turning_radius_m(surroundings);
         let (rows, cols) = self.input_size();
         let cells = SIDE_MULTIPLE * self.shrink();
         let side_m = cells as f64 * self.spec.resolution_m;
@@ -221,7 +240,7 @@ impl Encoding {
             side_m,
             first: (x_m - inset_m, y_m - inset_m),
         };
-        goal_features::write(&pixels, goal, radius_m, features);
+        goal_features::write(&pixels, ways, goal, radius_m, features);
     }
 
     /// The logit of each cell of the grid.
@@ -422,6 +441,7 @@ mod tests {
             size,
             disc_m: 0.1,
             min_turning_radius_m: 5.5,
+            half_width_m: 0.885,
         }
     }
 

@@ -2,14 +2,16 @@
 //!
 //! Opset 17, single precision, any batch size. Inputs: `planes` (batch × 3 × rows × cols of the
 //! network's input: obstacles, reference, and the disc around the target for `enet` or around the
-//! vehicle for `enet-shared`), and for `enet-shared` `features` (batch × 20 × rows / 8 × cols / 8).
-//! Output: `logits` (batch × 1 × rows × cols); a cell belongs to the region where its logit is above
-//! 0. Parameters keep the names that they have in weights files. What the network was trained for is
+//! vehicle for `enet-shared`), and for `enet-shared` `features` (batch × 27 × rows / 8 × cols / 8).
+//! Outputs: `logits` (batch × 1 × rows × cols), a cell belongs to the region where its logit is above
+//! 0; and for `enet-shared` `scores` (batch × 3). Parameters keep the names that they have in weights files. What the network was trained for is
 //! in the metadata.
 
 mod proto;
 
-use super::graph::{Activation, BufferId, Conv, Graph, NORM_EPSILON, Norm, Op, TensorSpec};
+use super::graph::{
+    Activation, BufferId, Conv, Graph, NEAR_GOAL, NORM_EPSILON, Norm, Op, TensorSpec,
+};
 use super::parameters::Parameters;
 use super::predictor::NetworkInfo;
 use proto::{Attribute, Model};
@@ -18,8 +20,10 @@ use proto::{Attribute, Model};
 const PLANES: &str = "planes";
 /// Name of the features of the goal.
 const FEATURES: &str = "features";
-/// Name of the output.
+/// Name of the cells' logits.
 const LOGITS: &str = "logits";
+/// Name of what is said of the goal.
+const SCORES: &str = "scores";
 
 /// The bytes of an ONNX file of a network.
 pub fn to_onnx(info: &NetworkInfo, parameters: &Parameters) -> Vec<u8> {
@@ -60,6 +64,7 @@ impl Writer {
             Graph::INPUT => PLANES.to_owned(),
             _ if Some(buffer) == self.graph.goal => FEATURES.to_owned(),
             _ if buffer == self.graph.output() => LOGITS.to_owned(),
+            _ if Some(buffer) == self.graph.scores => SCORES.to_owned(),
             _ => format!("buffer{buffer}"),
         }
     }
@@ -74,6 +79,10 @@ impl Writer {
         let extent = self.graph.buffers[self.graph.output()];
         let shape = [extent.channels, extent.rows, extent.cols];
         self.model.output(LOGITS, &shape);
+        if let Some(scores) = self.graph.scores {
+            let channels = self.graph.buffers[scores].channels;
+            self.model.output(SCORES, &[channels]);
+        }
     }
 
     /// The name of the tensor that begins there in its vector.
@@ -116,6 +125,13 @@ impl Writer {
                 let (a, b, y) = (self.name(a), self.name(b), self.name(y));
                 self.model.node("Add", &[&a, &b], &y, &[]);
             }
+            Op::Score {
+                x,
+                goal,
+                kernel,
+                bias,
+                ..
+            } => self.score((x, goal), (kernel, bias)),
             Op::Head { x, y, kernel, bias } => {
                 let kernel = self.tensor(true, kernel).name.clone();
                 let bias = self.tensor(true, bias).name.clone();
@@ -198,6 +214,48 @@ impl Writer {
             self.model.node(kind, &inputs, &to, &attributes);
             last = to;
         }
+    }
+
+    fn score(&mut self, (x, goal): (BufferId, BufferId), (kernel, bias): (usize, usize)) {
+        let kernel = self.tensor(true, kernel).name.clone();
+        let bias = self.tensor(true, bias).name.clone();
+        let (x, goal) = (self.name(x), self.name(goal));
+        let model = &mut self.model;
+        let feature = i64::try_from(NEAR_GOAL).expect("features are few");
+        model.integers("score.feature", &[feature]);
+        model.integers("score.pixels", &[2, 3]);
+        model.tensor("score.least", &[1], &[1e-6]);
+        let feature = [Attribute::int("axis", 1)];
+        model.node("Gather", &[&goal, "score.feature"], "score.bell", &feature);
+        model.node("Relu", &["score.bell"], "score.near", &[]);
+        let kept = [Attribute::int("keepdims", 1)];
+        model.node(
+            "ReduceSum",
+            &["score.near", "score.pixels"],
+            "score.sum",
+            &kept,
+        );
+        model.node("Max", &["score.sum", "score.least"], "score.total", &[]);
+        model.node("Div", &["score.near", "score.total"], "score.share", &[]);
+        model.node("Mul", &[&x, "score.share"], "score.shares", &[]);
+        let dropped = [Attribute::int("keepdims", 0)];
+        let inputs = ["score.shares", "score.pixels"];
+        model.node("ReduceSum", &inputs, "score.weighted", &dropped);
+        let over_pixels = [
+            Attribute::int("keepdims", 0),
+            Attribute::ints("axes", [2, 3]),
+        ];
+        model.node("ReduceMean", &[&x], "score.plain", &over_pixels);
+        let axis = [Attribute::int("axis", 1)];
+        let both = ["score.plain", "score.weighted"];
+        model.node("Concat", &both, "score.means", &axis);
+        let transposed = [Attribute::int("transB", 1)];
+        model.node(
+            "Gemm",
+            &["score.means", &kernel, &bias],
+            SCORES,
+            &transposed,
+        );
     }
 
     fn pool(&mut self, x: BufferId, y: BufferId) {

@@ -6,10 +6,12 @@ use std::sync::{Mutex, PoisonError};
 use rayon::prelude::*;
 use swath_bridge::{GridSpec, Pose2, Vehicle};
 
+use super::disc_ways::DiscWays;
 use super::engine::{Inference, Isa, Workspace};
 use super::graph::Architecture;
 use super::input::{Encoding, InputSize, Surroundings};
 use super::parameters::{Parameters, architecture_of};
+use super::reach::Reach;
 use crate::{Error, Plane};
 
 /// Most cells along a side of a network's grid.
@@ -28,6 +30,8 @@ pub struct NetworkInfo {
     pub vehicle: String,
     /// Smallest turning radius of the vehicle, metres.
     pub min_turning_radius_m: f64,
+    /// Half of the vehicle's width, metres.
+    pub half_width_m: f64,
     /// Distance from the path to the edge of the region that was learnt, metres.
     pub label_dilation_m: f64,
     /// Distance from the reference to the edge of its plane, metres.
@@ -45,6 +49,7 @@ impl Default for NetworkInfo {
             size: InputSize::default(),
             vehicle: vehicle.digest(),
             min_turning_radius_m: vehicle.min_turning_radius_m,
+            half_width_m: vehicle.half_width_m,
             label_dilation_m: 1.4,
             reference_dilation_m: 1.0,
             target_dilation_m: 1.0,
@@ -61,6 +66,7 @@ impl NetworkInfo {
             size: self.size,
             disc_m: self.target_dilation_m,
             min_turning_radius_m: self.min_turning_radius_m,
+            half_width_m: self.half_width_m,
         }
     }
 
@@ -77,6 +83,7 @@ impl NetworkInfo {
             ("resolution_m", number(self.spec.resolution_m)),
             ("vehicle", self.vehicle.clone()),
             ("min_turning_radius_m", number(self.min_turning_radius_m)),
+            ("half_width_m", number(self.half_width_m)),
             ("label_dilation_m", number(self.label_dilation_m)),
             ("reference_dilation_m", number(self.reference_dilation_m)),
             ("target_dilation_m", number(self.target_dilation_m)),
@@ -130,6 +137,7 @@ impl NetworkInfo {
             size,
             vehicle: clip(text("vehicle")?),
             min_turning_radius_m: metres("min_turning_radius_m")?,
+            half_width_m: metres("half_width_m")?,
             label_dilation_m: metres("label_dilation_m")?,
             reference_dilation_m: metres("reference_dilation_m")?,
             target_dilation_m: metres("target_dilation_m")?,
@@ -142,12 +150,21 @@ fn clip(text: &str) -> String {
     text.chars().take(64).collect()
 }
 
+/// What a network says of a goal.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Prediction {
+    /// The cells that are more likely in the path's surroundings than not.
+    pub region: Plane,
+    /// How well the goal can be reached, if the architecture says so.
+    pub reach: Option<Reach>,
+}
+
 /// A network that predicts path regions. It may be used from several threads at once.
 #[derive(Debug)]
 pub struct Network {
     info: NetworkInfo,
     inference: Inference,
-    maps: Mutex<Vec<Workspace>>,
+    maps: Mutex<Vec<(Workspace, DiscWays)>>,
     goals: Mutex<Vec<Workspace>>,
 }
 
@@ -186,7 +203,7 @@ impl Network {
         &self.info
     }
 
-    /// The region of the path to each goal: the cells that are more likely in it than not.
+    /// The region of the path to each goal, and how well it can be reached.
     ///
     /// Goals are spread over the cores.
     ///
@@ -196,9 +213,12 @@ impl Network {
         &self,
         surroundings: &Surroundings<'_>,
         goals: &[Pose2],
-    ) -> Result<Vec<Plane>, Error> {
+    ) -> Result<Vec<Prediction>, Error> {
         let encoding = self.info.encoding();
-        self.each(surroundings, goals, |logits| encoding.region(logits))
+        self.each(surroundings, goals, |logits, reach| Prediction {
+            region: encoding.region(logits),
+            reach,
+        })
     }
 
     /// The probability of each cell, row-major, to be in the region of the path to each goal.
@@ -211,7 +231,7 @@ impl Network {
         goals: &[Pose2],
     ) -> Result<Vec<Vec<f32>>, Error> {
         let encoding = self.info.encoding();
-        self.each(surroundings, goals, |logits| {
+        self.each(surroundings, goals, |logits, _| {
             let mut cells = vec![0.0; encoding.cells()];
             encoding.decode(logits, &mut cells);
             for cell in &mut cells {
@@ -225,7 +245,7 @@ impl Network {
         &self,
         surroundings: &Surroundings<'_>,
         goals: &[Pose2],
-        finish: impl Fn(&[f32]) -> T + Sync,
+        finish: impl Fn(&[f32], Option<Reach>) -> T + Sync,
     ) -> Result<Vec<T>, Error> {
         let encoding = self.info.encoding();
         encoding.check(surroundings.obstacles)?;
@@ -233,28 +253,32 @@ impl Network {
         if goals.is_empty() {
             return Ok(Vec::new());
         }
-        let mut map = take(&self.maps);
+        let (mut map, mut ways) = take(&self.maps);
         let shares_map = encoding.features_len() > 0;
         if shares_map {
             let planes = self.inference.planes(&mut map);
             encoding.encode_planes(surroundings, None, planes)?;
             self.inference.see_map(&mut map);
+            encoding.survey(surroundings, &mut ways);
         }
         let alone = goals.len() == 1;
         let predictions = goals.par_iter().map(|goal| {
             let mut memory = take(&self.goals);
             let input = self.inference.goal_input(&mut memory);
             if shares_map {
-                encoding.encode_goal(surroundings, goal, input);
+                encoding.encode_goal(surroundings, &ways, goal, input);
             } else {
                 encoding.encode_planes(surroundings, Some(goal), input)?;
             }
-            let result = finish(self.inference.see_goal(&map, &mut memory, alone));
+            self.inference.see_goal(&map, &mut memory, alone);
+            let scores = self.inference.scores(&memory);
+            let reach = scores.and_then(Reach::from_scores);
+            let result = finish(self.inference.logits(&memory), reach);
             give(&self.goals, memory);
             Ok(result)
         });
         let predictions = predictions.collect();
-        give(&self.maps, map);
+        give(&self.maps, (map, ways));
         predictions
     }
 }
@@ -327,12 +351,15 @@ mod tests {
             };
             let together = network.predict(&surroundings, &goals).unwrap();
             assert_ne!(together[0], together[1]);
-            for (goal, region) in goals.iter().zip(&together) {
+            for (goal, prediction) in goals.iter().zip(&together) {
                 let goal = std::slice::from_ref(goal);
-                assert_eq!(&network.predict(&surroundings, goal).unwrap()[0], region);
+                let alone = network.predict(&surroundings, goal).unwrap();
+                assert_eq!(&alone[0], prediction);
+                let scored = architecture == Architecture::EnetShared;
+                assert_eq!(prediction.reach.is_some(), scored);
                 let cells = network.probabilities(&surroundings, goal).unwrap();
                 let above = cells[0].iter().filter(|&&p| p > 0.5).count();
-                assert!(above.abs_diff(region.count()) <= 1);
+                assert!(above.abs_diff(prediction.region.count()) <= 1);
             }
             assert!(network.predict(&surroundings, &[]).unwrap().is_empty());
             let small = Plane::empty(3, 3);

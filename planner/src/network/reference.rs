@@ -9,7 +9,8 @@ use candle_core::{DType, Device, Result, Tensor, Var};
 
 use super::engine::spatial::{FAR, NEAR, bilinear_lines};
 use super::graph::{
-    Activation, Architecture, BufferId, Conv, Graph, INPUT_PLANES, NORM_EPSILON, Norm, Op,
+    Activation, Architecture, BufferId, Conv, Graph, INPUT_PLANES, NEAR_GOAL, NORM_EPSILON, Norm,
+    Op,
 };
 use super::parameters::Parameters;
 
@@ -64,6 +65,19 @@ impl Reference {
         features: Option<&Tensor>,
         training: bool,
     ) -> Result<Tensor> {
+        Ok(self.forward_all(input, features, training)?.0)
+    }
+
+    /// The logits of a batch, and what is said of its goals: batch × 3, for `enet-shared` only.
+    ///
+    /// # Errors
+    /// As [`Self::forward`].
+    pub fn forward_all(
+        &self,
+        input: &Tensor,
+        features: Option<&Tensor>,
+        training: bool,
+    ) -> Result<(Tensor, Option<Tensor>)> {
         let (_, planes, rows, cols) = input.dims4()?;
         if planes != INPUT_PLANES || !rows.is_multiple_of(8) || !cols.is_multiple_of(8) {
             candle_core::bail!("input is {:?}, expected batch x 3 x 8n x 8m", input.shape());
@@ -78,7 +92,8 @@ impl Reference {
         for op in &graph.ops {
             self.op(&graph, op, &mut buffers, training)?;
         }
-        get(&buffers, graph.output()).cloned()
+        let scores = graph.scores.and_then(|scores| buffers[scores].clone());
+        Ok((get(&buffers, graph.output())?.clone(), scores))
     }
 
     fn op(
@@ -118,6 +133,22 @@ impl Reference {
                 (y, rows.broadcast_matmul(&value)?)
             }
             Op::Add { a, b, y } => (y, (get(buffers, a)? + get(buffers, b)?)?),
+            Op::Score {
+                x,
+                goal,
+                y,
+                kernel,
+                bias,
+            } => {
+                let near = get(buffers, goal)?.narrow(1, NEAR_GOAL, 1)?.relu()?;
+                let sum = near.sum_keepdim((2, 3))?.maximum(1e-6)?;
+                let x = get(buffers, x)?;
+                let plain = x.mean((2, 3))?;
+                let weighted = x.broadcast_mul(&near.broadcast_div(&sum)?)?.sum((2, 3))?;
+                let means = Tensor::cat(&[&plain, &weighted], 1)?;
+                let scores = means.matmul(&self.trained_at(kernel)?.t()?)?;
+                (y, scores.broadcast_add(self.trained_at(bias)?)?)
+            }
             Op::Head { x, y, kernel, bias } => {
                 let raw = get(buffers, x)?;
                 let raw = raw.conv_transpose2d(self.trained_at(kernel)?, 0, 0, 2, 1)?;

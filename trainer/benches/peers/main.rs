@@ -198,7 +198,7 @@ fn step(training: &mut Training, parameters: &Parameters, batch: usize) {
     let mut gradient = vec![0.0; parameters.values().len()];
     let dropout = Some(Dropout { seed: 1, pass: 1 });
     training.forward(parameters, &input, dropout);
-    training.backward(parameters, &slope, &mut gradient);
+    training.backward(parameters, (&slope, &[]), &mut gradient);
 }
 
 fn memory_of_a_step() -> Result<()> {

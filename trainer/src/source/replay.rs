@@ -6,7 +6,7 @@ use std::sync::Arc;
 use swath_bridge::GridSpec;
 use swath_bridge::msg::swath::Sample;
 
-use crate::Example;
+use crate::{Example, Reached};
 
 /// Sequence numbers of a generator that are remembered to recognise duplicates.
 const WINDOW: usize = 4096;
@@ -100,8 +100,8 @@ impl Replay {
         }
     }
 
-    /// Takes a sample in, in place of the oldest when full. A sample that came before, that has no
-    /// path or cannot be used is only counted.
+    /// Takes a sample in, in place of the oldest when full. A sample that came before, whose target
+    /// stands on an obstacle or that cannot be used is only counted.
     pub fn add(&mut self, sample: Sample) {
         if let Some(example) = self.admit(sample) {
             self.push(example);
@@ -126,11 +126,10 @@ impl Replay {
             Arrival::Late => self.counts.gaps = self.counts.gaps.saturating_sub(1),
         }
         match Example::from_sample(sample) {
-            Ok(example) if !example.is_solved() => {
-                self.counts.unsolved += 1;
-                None
+            Ok(example) if *self.spec.get_or_insert(example.spec) == example.spec => {
+                self.counts.unsolved += u64::from(!example.is_solved());
+                Some(example).filter(|example| Reached::of(example).is_some())
             }
-            Ok(example) if *self.spec.get_or_insert(example.spec) == example.spec => Some(example),
             Ok(_) | Err(_) => {
                 self.counts.rejected += 1;
                 None
@@ -165,6 +164,7 @@ mod tests {
     use super::*;
     use crate::example::tests::sample;
     use proptest::prelude::*;
+    use swath_bridge::Outcome;
 
     #[test]
     fn the_newest_samples_are_kept() {
@@ -194,12 +194,15 @@ mod tests {
     }
 
     #[test]
-    fn samples_without_a_path_and_of_another_grid_are_counted_only() {
+    fn samples_with_an_occupied_goal_and_of_another_grid_are_counted_only() {
         let mut replay = Replay::new(10);
         replay.add(sample(0));
         let mut unsolved = sample(1);
-        unsolved.outcome = 1;
+        unsolved.outcome = Outcome::GoalOccupied.code();
         unsolved.label.fill(0);
+        replay.add(unsolved.clone());
+        unsolved.outcome = Outcome::Unreachable.code();
+        unsolved.sequence = 3;
         replay.add(unsolved);
         replay.add(Sample {
             resolution_m: 0.2,
@@ -208,9 +211,9 @@ mod tests {
         let counts = replay.counts();
         assert_eq!(
             (counts.unsolved, counts.rejected, counts.received),
-            (1, 1, 3)
+            (2, 1, 4)
         );
-        assert_eq!(replay.examples().len(), 1);
+        assert_eq!(replay.examples().len(), 2);
     }
 
     proptest! {

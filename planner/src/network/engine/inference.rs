@@ -29,6 +29,8 @@ pub(crate) struct Inference {
     buffers: Vec<Extent>,
     /// The input of the goal's part.
     goal: BufferId,
+    /// What is said of the goal as a whole.
+    scores: Option<BufferId>,
     map_part: Part,
     goal_part: Part,
 }
@@ -73,6 +75,13 @@ enum Step {
         b: BufferId,
         y: BufferId,
     },
+    Score {
+        x: BufferId,
+        goal: BufferId,
+        y: BufferId,
+        kernel: Vec<f32>,
+        bias: Vec<f32>,
+    },
     Head {
         x: BufferId,
         y: BufferId,
@@ -112,15 +121,17 @@ impl Inference {
         };
         let is_kept = |buffer: BufferId| read_by(&of_goal, buffer);
         let map_slots = slots_of(&graph.buffers, &of_map, is_map, is_kept);
+        let is_scores = |buffer: BufferId| Some(buffer) == graph.scores;
         let goal_slots = slots_of(
             &graph.buffers,
             &of_goal,
             |buffer| !is_map(buffer),
-            |_| false,
+            is_scores,
         );
         Self {
             isa,
             goal: graph.goal.unwrap_or(Graph::INPUT),
+            scores: graph.scores,
             map_part: Part {
                 slots: map_slots,
                 steps: of_map,
@@ -156,25 +167,30 @@ impl Inference {
         self.input(&self.goal_part, self.goal, goal)
     }
 
-    /// The logits of a goal on the map that was seen. `together`: all cores work on this goal.
+    /// Computes what depends on a goal, on the map that was seen. `together`: all cores work on it.
+    pub(crate) fn see_goal(&self, map: &Workspace, goal: &mut Workspace, together: bool) {
+        if together {
+            with_assistant(|assistant| {
+                self.run(&self.goal_part, Some(map), (goal, Some(assistant)));
+            });
+        } else {
+            self.run(&self.goal_part, Some(map), (goal, None));
+        }
+    }
+
+    /// The logits of the goal that was seen last.
     ///
     /// # Shapes
     /// rows × cols.
-    pub(crate) fn see_goal<'a>(
-        &self,
-        map: &Workspace,
-        goal: &'a mut Workspace,
-        together: bool,
-    ) -> &'a [f32] {
-        if together {
-            with_assistant(|assistant| {
-                self.run(&self.goal_part, Some(map), (&mut *goal, Some(assistant)));
-            });
-        } else {
-            self.run(&self.goal_part, Some(map), (&mut *goal, None));
-        }
+    pub(crate) fn logits<'a>(&self, goal: &'a Workspace) -> &'a [f32] {
         let last = self.buffers.len() - 1;
         &goal.memory[slot(&self.goal_part, last)][..self.buffers[last].len()]
+    }
+
+    /// What is said of the goal that was seen last, if the network says anything.
+    pub(crate) fn scores<'a>(&self, goal: &'a Workspace) -> Option<&'a [f32]> {
+        let scores = self.scores?;
+        Some(&goal.memory[slot(&self.goal_part, scores)][..self.buffers[scores].len()])
     }
 
     fn input<'a>(
@@ -249,7 +265,8 @@ impl Inference {
                 let work = fused.kernel.len() * self.buffers[y_id].pixels();
                 match assistant {
                     Some(assistant) if work >= WORTH_SPLITTING && fused.can_be_split => {
-                        let half = (self.buffers[y_id].pixels() / 2).next_multiple_of(SPLIT_AT);
+                        let pixels = self.buffers[y_id].pixels();
+                        let half = (pixels / 2).next_multiple_of(SPLIT_AT).min(pixels);
                         let (top, bottom) = y.split_at_mut(half * channels);
                         assistant.join(
                             || gather(self.isa, &job, top),
@@ -275,6 +292,9 @@ impl Inference {
                     }
                 });
             }
+            Step::Score {
+                goal, kernel, bias, ..
+            } => spatial::scores((x, from.channels), read(*goal), (kernel, bias), y),
             Step::Head { kernel, bias, .. } => {
                 let parameters = (kernel.as_slice(), *bias);
                 compiled_for(self.isa, || spatial::head(x, from, parameters, y));
@@ -294,6 +314,7 @@ impl Step {
             | Self::Upsample { x, y }
             | Self::Head { x, y, .. } => (*x, None, *y),
             Self::Add { a, b, y } => (*a, Some(*b), *y),
+            Self::Score { x, goal, y, .. } => (*x, Some(*goal), *y),
         }
     }
 }
@@ -385,6 +406,23 @@ fn steps(
             Op::Pool { x, y } => Step::Pool { x, y },
             Op::Upsample { x, y } => Step::Upsample { x, y },
             Op::Add { a, b, y } => Step::Add { a, b, y },
+            Op::Score {
+                x,
+                goal,
+                y,
+                kernel,
+                bias,
+            } => {
+                let scores = graph.buffers[y].channels;
+                let len = scores * 2 * graph.buffers[x].channels;
+                Step::Score {
+                    x,
+                    goal,
+                    y,
+                    kernel: parameters.values()[kernel..][..len].to_vec(),
+                    bias: parameters.values()[bias..][..scores].to_vec(),
+                }
+            }
             Op::Head { x, y, kernel, bias } => Step::Head {
                 x,
                 y,

@@ -5,7 +5,7 @@
     reason = "a loop must be compiled within the function that enables its instructions"
 )]
 
-use crate::network::graph::Extent;
+use crate::network::graph::{Extent, GOAL_FEATURES, NEAR_GOAL};
 
 /// 2×2 maximum of `x` into the channels of `y` from `offset`.
 pub(super) fn pool_input(
@@ -169,6 +169,78 @@ pub(super) fn head_backward(
                 *dx += kernel[corner] * dy[corner];
                 gradient[corner] += x * dy[corner];
             }
+        }
+    }
+}
+
+/// Means of each channel over the pixels: all alike, then weighted.
+fn means(x: &[f32], channels: usize, weights: &[f32]) -> Vec<f32> {
+    let mut means = vec![0.0; 2 * channels];
+    let (plain, weighted) = means.split_at_mut(channels);
+    let share = 1.0 / weights.len() as f32;
+    for (x, weight) in x.chunks_exact(channels).zip(weights) {
+        for (channel, &x) in x.iter().enumerate() {
+            plain[channel] += x * share;
+            weighted[channel] += x * weight;
+        }
+    }
+    means
+}
+
+/// How much each pixel counts near the goal; all together count 1, or nothing far off the grid.
+fn near_goal(features: &[f32]) -> Vec<f32> {
+    let near = features.chunks_exact(GOAL_FEATURES);
+    let mut weights: Vec<f32> = near.map(|pixel| pixel[NEAR_GOAL].max(0.0)).collect();
+    let sum: f32 = weights.iter().sum();
+    for weight in &mut weights {
+        *weight /= sum.max(1e-6);
+    }
+    weights
+}
+
+/// The scores of a goal.
+///
+/// # Shapes
+/// `kernel`: scores × (2 × channels), the biases behind it; `features`: pixels × 20.
+pub(super) fn scores(
+    (x, channels): (&[f32], usize),
+    features: &[f32],
+    (kernel, bias): (&[f32], &[f32]),
+    y: &mut [f32],
+) {
+    let means = means(x, channels, &near_goal(features));
+    for ((y, kernel), bias) in y.iter_mut().zip(kernel.chunks_exact(means.len())).zip(bias) {
+        let products = kernel.iter().zip(&means).map(|(a, b)| a * b);
+        *y = bias + products.sum::<f32>();
+    }
+}
+
+/// Adds the gradient at the input of [`scores`] and those of kernel and biases, which lie behind it.
+pub(super) fn scores_backward(
+    (x, channels): (&[f32], usize),
+    features: &[f32],
+    (kernel, dy): (&[f32], &[f32]),
+    dx: &mut [f32],
+    gradient: &mut [f32],
+) {
+    let weights = near_goal(features);
+    let means = means(x, channels, &weights);
+    let share = 1.0 / weights.len() as f32;
+    let (kernel_gradient, bias_gradient) = gradient.split_at_mut(kernel.len());
+    let lines = kernel.chunks_exact(2 * channels);
+    let gradients = kernel_gradient.chunks_exact_mut(2 * channels);
+    let mut at_means = vec![0.0; 2 * channels];
+    for (((kernel, gradient), bias), &dy) in lines.zip(gradients).zip(bias_gradient).zip(dy) {
+        *bias += dy;
+        for (index, (kernel, gradient)) in kernel.iter().zip(gradient).enumerate() {
+            *gradient += dy * means[index];
+            at_means[index] += dy * kernel;
+        }
+    }
+    let (plain, weighted) = at_means.split_at(channels);
+    for (dx, weight) in dx.chunks_exact_mut(channels).zip(&weights) {
+        for (channel, dx) in dx.iter_mut().enumerate() {
+            *dx += plain[channel] * share + weighted[channel] * weight;
         }
     }
 }

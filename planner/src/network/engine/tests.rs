@@ -7,7 +7,9 @@ use rand_chacha::rand_core::{Rng, SeedableRng};
 
 use super::{Dropout, Inference, Isa, Training, Workspace};
 use crate::network::autograd::one_image;
-use crate::network::graph::{Activation, Architecture, GOAL_FEATURES, Graph, INPUT_PLANES, Op};
+use crate::network::graph::{
+    Activation, Architecture, GOAL_FEATURES, Graph, INPUT_PLANES, Op, SCORES,
+};
 use crate::network::{Parameters, Reference};
 
 fn noise(seed: u64, len: usize, scale: f32) -> Vec<f32> {
@@ -69,11 +71,17 @@ impl Batch {
         }
     }
 
-    fn reference(&self, parameters: &Parameters, training: bool) -> (Reference, Tensor) {
+    /// The plain model, its logits and its scores.
+    fn reference(
+        &self,
+        parameters: &Parameters,
+        training: bool,
+    ) -> (Reference, Tensor, Option<Tensor>) {
         let reference = Reference::new(parameters, &Device::Cpu, DType::F64).unwrap();
         let features = self.features.as_ref();
-        let logits = reference.forward(&self.planes, features, training).unwrap();
-        (reference, logits)
+        let all = reference.forward_all(&self.planes, features, training);
+        let (logits, scores) = all.unwrap();
+        (reference, logits, scores)
     }
 }
 
@@ -103,13 +111,18 @@ fn farthest(a: &[f32], b: &[f32]) -> f32 {
         .fold(0.0, |most, (a, b)| most.max((a - b).abs()))
 }
 
-fn infer(isa: Isa, size: (usize, usize), parameters: &Parameters, image: &[f32]) -> Vec<f32> {
+/// Logits and scores of one image.
+fn infer(
+    isa: Isa,
+    size: (usize, usize),
+    parameters: &Parameters,
+    image: &[f32],
+) -> (Vec<f32>, Vec<f32>) {
     let network = Inference::new(isa, size, parameters);
-    one_image(
-        &network,
-        (&mut Workspace::default(), &mut Workspace::default()),
-        image,
-    )
+    let (mut map, mut goal) = (Workspace::default(), Workspace::default());
+    let logits = one_image(&network, (&mut map, &mut goal), image);
+    let scores = network.scores(&goal).unwrap_or_default().to_vec();
+    (logits, scores)
 }
 
 fn architectures() -> impl Strategy<Value = Architecture> {
@@ -126,10 +139,16 @@ proptest! {
         let size = (rows * 8, cols * 8);
         let parameters = varied(architecture, seed);
         let batch = Batch::new(architecture, size, (1, seed + 2));
-        let expected = flat(&batch.reference(&parameters, false).1);
+        let (_, expected, expected_scores) = batch.reference(&parameters, false);
+        let expected = flat(&expected);
         for &isa in Isa::available() {
-            let logits = infer(isa, size, &parameters, &batch.inputs);
+            let (logits, scores) = infer(isa, size, &parameters, &batch.inputs);
             prop_assert!(farthest(&logits, &expected) <= 1e-4 * largest(&expected), "{:?}", isa);
+            if let Some(expected) = &expected_scores {
+                let expected = flat(expected);
+                let most = 1e-4 * largest(&expected).max(1.0);
+                prop_assert!(farthest(&scores, &expected) <= most, "{:?}: {:?} {:?}", isa, scores, expected);
+            }
         }
     }
 
@@ -142,11 +161,18 @@ proptest! {
         let parameters = decided(architecture, seed);
         let batch = Batch::new(architecture, size, (images, seed + 2));
         let weights = noise(seed + 3, images * size.0 * size.1, 1.0);
-        let (reference, logits) = batch.reference(&parameters, true);
+        let (reference, logits, scores) = batch.reference(&parameters, true);
+        let score_weights = noise(seed + 4, scores.as_ref().map_or(0, |_| images * SCORES), 30.0);
         let shape = logits.dims().to_vec();
         let weights_tensor = Tensor::from_slice(&weights, shape, &Device::Cpu).unwrap();
         let weights_tensor = weights_tensor.to_dtype(DType::F64).unwrap();
-        let loss = (&logits * weights_tensor).unwrap().sum_all().unwrap();
+        let mut loss = (&logits * weights_tensor).unwrap().sum_all().unwrap();
+        if let Some(scores) = &scores {
+            let weights = Tensor::from_slice(&score_weights, (images, SCORES), &Device::Cpu);
+            let weights = weights.unwrap().to_dtype(DType::F64).unwrap();
+            let of_scores = (scores * weights).unwrap().sum_all().unwrap();
+            loss = (loss + of_scores).unwrap();
+        }
         let gradients = loss.backward().unwrap();
         let expected = flat(&logits);
         for &isa in Isa::available() {
@@ -154,7 +180,7 @@ proptest! {
             let logits = network.forward(&parameters, &batch.inputs, None).to_vec();
             prop_assert!(farthest(&logits, &expected) <= 2e-3 * largest(&expected), "{isa:?}");
             let mut gradient = vec![0.0; parameters.values().len()];
-            network.backward(&parameters, &weights, &mut gradient);
+            network.backward(&parameters, (&weights, &score_weights), &mut gradient);
             let whole = norm(&gradient);
             for (start, var) in reference.trained() {
                 let expected = flat(gradients.get(var).unwrap());
@@ -230,9 +256,10 @@ fn gradients_are_finite_differences(architecture: Architecture) {
     let input = Batch::new(architecture, size, (images, 6)).inputs;
     let weights = noise(7, images * size.0 * size.1, 1.0);
     let mut network = Training::new(architecture, size).unwrap();
+    let score_weights = noise(8, images * network.scores_len(), 30.0);
     let mut gradient = vec![0.0; parameters.values().len()];
     network.forward(&parameters, &input, dropout);
-    network.backward(&parameters, &weights, &mut gradient);
+    network.backward(&parameters, (&weights, &score_weights), &mut gradient);
     let graph = Graph::new(architecture, (8, 8));
     for tensor in graph
         .tensors
@@ -253,7 +280,8 @@ fn gradients_are_finite_differences(architecture: Architecture) {
             for (value, along) in moved.values_mut()[range.clone()].iter_mut().zip(&direction) {
                 *value += step * along;
             }
-            weighted_sum(network.forward(&moved, &input, dropout), &weights)
+            let of_logits = weighted_sum(network.forward(&moved, &input, dropout), &weights);
+            of_logits + weighted_sum(&network.scores(), &score_weights)
         };
         let slope = (loss_at(STEP) - loss_at(-STEP)) / f64::from(2.0 * STEP);
         let expected = weighted_sum(ours, &direction);
@@ -297,7 +325,8 @@ fn results_do_not_depend_on_the_number_of_threads() {
             let mut network = Training::new(architecture, size).unwrap();
             let mut gradient = vec![0.0; parameters.values().len()];
             let logits = network.forward(&parameters, &input, None).to_vec();
-            network.backward(&parameters, &weights, &mut gradient);
+            let scores = vec![1.0; network.scores().len()];
+            network.backward(&parameters, (&weights, &scores), &mut gradient);
             (logits, gradient)
         })
     };
@@ -317,7 +346,7 @@ fn running_statistics_approach_those_of_the_batches() {
             network.update_running(&mut parameters);
         }
         let image = &input[..network.input_len()];
-        let logits = infer(Isa::detect(), size, &parameters, image);
+        let (logits, _) = infer(Isa::detect(), size, &parameters, image);
         let most = 1e-2 * largest(&trained);
         let off = farthest(&logits, &trained[..size.0 * size.1]);
         assert!(off <= most, "{architecture:?}: {off} > {most}");

@@ -106,6 +106,26 @@ impl Training {
         self.plan.graph.buffers[self.plan.graph.output()].len()
     }
 
+    /// Number of scores of one image: 3, or none for `enet`.
+    pub fn scores_len(&self) -> usize {
+        let scores = self.plan.graph.scores;
+        scores.map_or(0, |scores| self.plan.graph.buffers[scores].len())
+    }
+
+    /// The scores of the goals of the last forward pass.
+    ///
+    /// # Shapes
+    /// batch × [`Self::scores_len`].
+    pub fn scores(&self) -> Vec<f32> {
+        let Some(scores) = self.plan.graph.scores else {
+            return Vec::new();
+        };
+        let images = self.images[..self.batch].iter();
+        images
+            .flat_map(|image| image.activation(scores).iter().copied())
+            .collect()
+    }
+
     /// The logits of a batch, normalised by the batch's own statistics.
     ///
     /// # Shapes
@@ -160,17 +180,20 @@ impl Training {
         &self.logits
     }
 
-    /// Adds the gradient of every parameter to `gradient`, given that of the logits of the last
-    /// forward pass, which must have been with the same parameters.
+    /// Adds the gradient of every parameter to `gradient`, given those of the logits and of the scores
+    /// of the last forward pass, which must have been with the same parameters.
     ///
     /// # Shapes
-    /// `logit_gradient`: batch × rows × cols; `gradient`: as the trained values.
+    /// `logit_gradient`: batch × rows × cols; `score_gradient`: batch × [`Self::scores_len`];
+    /// `gradient`: as the trained values.
     pub fn backward(
         &mut self,
         parameters: &Parameters,
-        logit_gradient: &[f32],
+        (logit_gradient, score_gradient): (&[f32], &[f32]),
         gradient: &mut [f32],
     ) {
+        let scores_len = self.scores_len();
+        debug_assert_eq!(score_gradient.len(), self.batch * scores_len);
         let len = self.output_len();
         debug_assert_eq!(logit_gradient.len(), self.batch * len);
         for stretch in self.plan.stretches.clone().into_iter().rev() {
@@ -184,7 +207,9 @@ impl Training {
             let images = self.images[..self.batch].par_iter_mut();
             images.enumerate().for_each(|(index, image)| {
                 if stretch.end == context.plan.graph.ops.len() {
-                    image.begin_backward(context.plan, &logit_gradient[index * len..][..len]);
+                    let logits = &logit_gradient[index * len..][..len];
+                    let scores = &score_gradient[index * scores_len..][..scores_len];
+                    image.begin_backward(context.plan, (logits, scores));
                 }
                 image.backward(&context, index, stretch.clone());
             });
@@ -198,13 +223,18 @@ impl Training {
         for (index, op) in self.plan.graph.ops[stretch.clone()].iter().enumerate() {
             match op {
                 Op::Conv(conv) => {
-                    sum_of_images(images, &mut self.kernel_gradient);
+                    let of_images = images.iter().map(Image::parameter_gradient);
+                    sum_up(of_images, &mut self.kernel_gradient);
                     let channels = self.plan.graph.buffers[conv.y].channels;
                     let sum = &self.kernel_gradient;
                     unpack_gradient(self.plan.isa, (conv, channels), sum, gradient);
                 }
-                Op::Head { kernel, .. } => {
-                    sum_of_images(images, &mut self.kernel_gradient);
+                Op::Head { kernel, .. } | Op::Score { kernel, .. } => {
+                    let of_images = images.iter().map(|image| match op {
+                        Op::Head { .. } => image.parameter_gradient(),
+                        _ => image.score_parameter_gradient(),
+                    });
+                    sum_up(of_images, &mut self.kernel_gradient);
                     // The bias lies right behind the kernel, here and there.
                     let to = gradient[*kernel..].iter_mut();
                     to.zip(&self.kernel_gradient)
@@ -295,17 +325,15 @@ impl Plan {
     }
 }
 
-/// The sum of the parameter gradients that the images hold.
-fn sum_of_images(images: &[Image], sum: &mut Vec<f32>) {
+/// The sum of gradients of the same parameters.
+fn sum_up<'a>(of_images: impl Iterator<Item = &'a [f32]>, sum: &mut Vec<f32>) {
     sum.clear();
-    for image in images {
+    for more in of_images {
         if sum.is_empty() {
-            sum.extend_from_slice(image.parameter_gradient());
+            sum.extend_from_slice(more);
         } else {
-            let more = image.parameter_gradient();
-            sum.iter_mut()
-                .zip(more)
-                .for_each(|(sum, more)| *sum += more);
+            let sums = sum.iter_mut().zip(more);
+            sums.for_each(|(sum, more)| *sum += more);
         }
     }
 }
@@ -319,7 +347,7 @@ fn gradient_slots(graph: &Graph) -> Slots {
         let step = steps - 1 - index;
         let (reads, writes) = op.buffers();
         for buffer in reads.into_iter().chain([writes]) {
-            if !graph.is_input(buffer) {
+            if !graph.is_input(buffer) && Some(buffer) != graph.scores {
                 let (first, last) = uses[buffer].unwrap_or((step, step));
                 uses[buffer] = Some((first.min(step), last.max(step)));
             }

@@ -4,7 +4,7 @@ use std::ops::Range;
 
 use super::{
     Activation, BufferId, Conv, Extent, GOAL_FEATURES, Graph, INITIAL_CONVOLVED, INPUT_PLANES,
-    Kind, Norm, Op, SIDE_MULTIPLE, TensorSpec, Window,
+    Kind, Norm, Op, SCORES, SIDE_MULTIPLE, TensorSpec, Window,
 };
 
 /// Share of channels that the first stage drops in training.
@@ -16,6 +16,8 @@ const REDUCTION: usize = 4;
 
 /// Channels that the features of a goal become before they are added to those of the map.
 const GOAL_HIDDEN: usize = 64;
+/// Channels that the scores of a goal are made from.
+const SCORE_HIDDEN: usize = 32;
 /// Bottlenecks of stage 3 that come before the goal.
 const MAP_BOTTLENECKS: usize = 4;
 
@@ -55,6 +57,7 @@ impl Graph {
         let hidden = builder.unit("goal.hidden", goal, hidden, true);
         x = builder.merge("goal", hidden, (128, x), Style::encoder(0.0));
         x = builder.dilated_stage(3, x, MAP_BOTTLENECKS..8);
+        builder.scores(x, goal);
         x = builder.upsampling("stage4.0", x, 64);
         x = builder.add(x, quarter);
         x = builder.stage4(x);
@@ -126,6 +129,7 @@ impl Builder {
                 ops: Vec::new(),
                 map_ops: 0,
                 goal: None,
+                scores: None,
                 trained_len: 0,
                 running_len: 0,
             },
@@ -358,6 +362,28 @@ impl Builder {
         let doubling = (inner, Window::DOUBLING);
         let y = self.unit(&format!("{name}.middle"), y, doubling, false);
         self.merge(name, y, (outputs, main), Style::DECODER)
+    }
+
+    /// What is said of the goal as a whole.
+    fn scores(&mut self, x: BufferId, goal: BufferId) {
+        let x = self.unit("score.hidden", x, (SCORE_HIDDEN, Window::POINT), true);
+        let y = self.buffer(Extent {
+            rows: 1,
+            cols: 1,
+            channels: SCORES,
+        });
+        let inputs = 2 * SCORE_HIDDEN;
+        let kind = Kind::Kernel { fan_in: inputs };
+        let kernel = self.tensor("score.weight".to_owned(), vec![SCORES, inputs], kind);
+        let bias = self.tensor("score.bias".to_owned(), vec![SCORES], Kind::Shift);
+        self.graph.scores = Some(y);
+        self.graph.ops.push(Op::Score {
+            x,
+            goal,
+            y,
+            kernel,
+            bias,
+        });
     }
 
     fn head(&mut self, x: BufferId) {

@@ -40,6 +40,10 @@ pub(super) struct Image {
     sums: BackwardSums,
     /// Of the kernel in the last stretch, as it is packed.
     parameter_gradient: Vec<f32>,
+    /// At the scores of the goal.
+    score_gradient: Vec<f32>,
+    /// Of the parameters of the scores.
+    score_parameter_gradient: Vec<f32>,
 }
 
 impl Image {
@@ -64,6 +68,10 @@ impl Image {
 
     pub(super) fn parameter_gradient(&self) -> &[f32] {
         &self.parameter_gradient
+    }
+
+    pub(super) fn score_parameter_gradient(&self) -> &[f32] {
+        &self.score_parameter_gradient
     }
 
     pub(super) fn activation(&self, buffer: BufferId) -> &[f32] {
@@ -154,11 +162,30 @@ impl Image {
                 let head = (weights, context.values[bias]);
                 compiled_for(*isa, || spatial::head(self.activation(x), from, head, y));
             }
+            Op::Score {
+                x,
+                goal,
+                kernel,
+                bias,
+                ..
+            } => {
+                let channels = graph.buffers[x].channels;
+                let x = (self.activation(x), channels);
+                let parameters = (
+                    &context.values[kernel..][..y.len() * 2 * channels],
+                    &context.values[bias..][..y.len()],
+                );
+                spatial::scores(x, self.activation(goal), parameters, y);
+            }
             Op::Conv(_) | Op::Norm(_) => {}
         }
     }
 
-    pub(super) fn begin_backward(&mut self, plan: &Plan, logit_gradient: &[f32]) {
+    pub(super) fn begin_backward(
+        &mut self,
+        plan: &Plan,
+        (logit_gradient, score_gradient): (&[f32], &[f32]),
+    ) {
         self.gradients
             .resize_with(plan.gradient_slots.lens.len(), Vec::new);
         self.written.clear();
@@ -167,6 +194,8 @@ impl Image {
         let mut top = self.take_gradient(plan, output);
         top.copy_from_slice(logit_gradient);
         self.give_gradient(plan, output, top);
+        self.score_gradient.clear();
+        self.score_gradient.extend_from_slice(score_gradient);
     }
 
     /// The gradients of a stretch, from the inside of the normalisation behind it to the sums over
@@ -181,6 +210,7 @@ impl Image {
                 Op::Conv(conv) => self.conv_backward(context, (conv, at)),
                 Op::Norm(norm) => self.norm_sums(context, (norm, at), index),
                 Op::Add { a, b, y } => self.add_backward(context.plan, [*a, *b], *y),
+                Op::Score { .. } => self.score_backward(context, &ops[at]),
                 other => self.spatial_backward(context, other),
             }
         }
@@ -298,6 +328,30 @@ impl Image {
         }
         self.give_gradient(context.plan, x, dx);
         self.give_gradient(context.plan, y, dy);
+    }
+
+    fn score_backward(&mut self, context: &Context<'_>, op: &Op) {
+        let Op::Score {
+            x, goal, kernel, ..
+        } = *op
+        else {
+            return;
+        };
+        let channels = context.plan.graph.buffers[x].channels;
+        let mut dx = self.take_gradient(context.plan, x);
+        if !std::mem::replace(&mut self.written[x], true) {
+            dx.fill(0.0);
+        }
+        let dy = &self.score_gradient;
+        let kernel = &context.values[kernel..][..dy.len() * 2 * channels];
+        let mut gradient = std::mem::take(&mut self.score_parameter_gradient);
+        gradient.clear();
+        gradient.resize(kernel.len() + dy.len(), 0.0);
+        let input = (self.activation(x), channels);
+        let features = self.activation(goal);
+        spatial::scores_backward(input, features, (kernel, dy), &mut dx, &mut gradient);
+        self.score_parameter_gradient = gradient;
+        self.give_gradient(context.plan, x, dx);
     }
 
     fn add_backward(&mut self, plan: &Plan, terms: [BufferId; 2], y: BufferId) {
