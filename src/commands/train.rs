@@ -138,6 +138,9 @@ fn on_recordings(
         bar: progress::bar(steps, "training"),
         stop: stop_flag()?,
         began: Instant::now(),
+        from: learner.progress().step,
+        steps,
+        batch: train.batch,
     };
     let run = Run {
         source: &mut source,
@@ -249,6 +252,9 @@ struct Watcher {
     bar: ProgressBar,
     stop: Arc<AtomicBool>,
     began: Instant,
+    from: u64,
+    steps: u64,
+    batch: usize,
 }
 
 impl Observer for Watcher {
@@ -267,11 +273,16 @@ impl Observer for Watcher {
                 "; {name}: mIoU {miou:.4}, path IoU {path:.4}, joined {joined:.3}"
             );
         }
-        let minutes = self.began.elapsed().as_secs_f64() / 60.0;
+        let elapsed = self.began.elapsed().as_secs_f64();
+        let minutes = elapsed / 60.0;
+        let done = (report.step - self.from).max(1) as f64;
+        let left = self.steps.saturating_sub(report.step) as f64 * minutes / done;
+        let rate = done * self.batch as f64 / elapsed.max(1e-9);
         self.bar.suspend(|| {
             // Without anybody to read it, training goes on all the same.
             let _ = output::line(format_args!(
-                "step {:>6}, epoch {:>3}, {minutes:.1} min: loss {:.4}{scores}",
+                "step {:>6}, epoch {:>3}, {minutes:.1} min, {left:.0} min left, {rate:.0} samples/s: \
+                 loss {:.4}{scores}",
                 report.step, report.epoch, report.loss
             ));
         });

@@ -1,6 +1,7 @@
 //! Training of the network that predicts path regions: samples from recordings or the live stream,
 //! the loss, the optimiser, the loop, evaluation, checkpoints and the trainer node.
 
+mod batch;
 mod checkpoint;
 mod config;
 mod dataset;
@@ -20,6 +21,7 @@ mod source;
 mod split;
 mod train;
 
+pub use batch::{Batch, Preparation};
 pub use checkpoint::{Checkpoint, Progress, write_atomically};
 pub use config::TrainConfig;
 pub use dataset::{Dataset, MAX_EXAMPLES};

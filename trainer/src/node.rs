@@ -279,7 +279,8 @@ impl Node {
         let publish = (step + 1).is_multiple_of(self.config.publish_every_steps.max(1));
         let edition_for = publish.then(|| (self.config.clone(), self.validation.clone()));
         Some(spawn_blocking(move || {
-            let loss = learner.step(&shown, rate)?;
+            let batch = learner.preparation().batch(&shown)?;
+            let loss = learner.step(&batch, rate)?;
             let edition = edition_for
                 .map(|(config, validation)| edition(&config, &mut learner, &validation))
                 .transpose()?;

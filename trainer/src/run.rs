@@ -1,6 +1,8 @@
 //! A run: steps from where a learner stands to the end, with checkpoints and scores on the way.
 
+use std::ops::Range;
 use std::path::PathBuf;
+use std::sync::mpsc::sync_channel;
 
 use crate::checkpoint::write_atomically;
 use crate::evaluate::Report;
@@ -17,6 +19,8 @@ pub const BEST_FILE: &str = "best.safetensors";
 
 /// Steps from one checkpoint to the next.
 const CHECKPOINT_EVERY_STEPS: u64 = 500;
+/// Batches that are prepared ahead of the step that takes them.
+const PREPARED_AHEAD: usize = 2;
 
 /// One step, for whoever watches.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -106,7 +110,7 @@ impl Run<'_> {
     /// [`Error::Diverged`], [`Error::Io`], [`Error::Checkpoint`] if the learner comes from a run over
     /// another number of samples.
     pub fn train(
-        self,
+        mut self,
         learner: &mut Learner,
         observer: &mut dyn Observer,
     ) -> Result<Summary, Error> {
@@ -119,38 +123,74 @@ impl Run<'_> {
         let batch = learner.config.batch;
         let an_epoch = self.source.steps_per_epoch(batch);
         let total = an_epoch * learner.config.epochs;
-        let schedule = learner.config.schedule(total);
         self.check_total(learner, total)?;
         let mut validation = Vec::new();
         while learner.progress.step < total && !is_patience_over(learner) {
-            let step = learner.progress.step;
-            if observer.should_stop() {
+            let begin = learner.progress.step;
+            let end = [an_epoch, learner.config.score_every_steps, CHECKPOINT_EVERY_STEPS]
+                .into_iter()
+                .filter(|&every| every > 0)
+                .map(|every| (begin / every + 1) * every)
+                .fold(total, u64::min);
+            if !self.stretch(learner, begin..end, observer)? {
                 self.keep(learner)?;
                 return Ok(Summary {
                     complete: false,
                     validation,
                 });
             }
-            let rate = schedule.rate(step);
-            let shown = self.source.draw(step, batch);
-            let loss = learner.step(&shown, rate)?;
-            observer.stepped(&StepReport {
-                step: step + 1,
-                steps: Some(total),
-                epoch: step / an_epoch,
-                loss,
-                rate,
-                samples: learner.progress.samples,
-            });
-            if is_due(step + 1, an_epoch) || is_due(step + 1, learner.config.score_every_steps) {
-                validation = self.score(learner, (step + 1) / an_epoch, observer)?;
-            } else if is_due(step + 1, CHECKPOINT_EVERY_STEPS) {
+            if is_due(end, an_epoch) || is_due(end, learner.config.score_every_steps) {
+                validation = self.score(learner, end / an_epoch, observer)?;
+            } else {
                 self.keep(learner)?;
             }
         }
         Ok(Summary {
             complete: true,
             validation,
+        })
+    }
+
+    /// Takes some steps while a thread prepares what comes next. `false` if the observer stopped it.
+    fn stretch(
+        &mut self,
+        learner: &mut Learner,
+        steps: Range<u64>,
+        observer: &mut dyn Observer,
+    ) -> Result<bool, Error> {
+        let batch = learner.config.batch;
+        let an_epoch = self.source.steps_per_epoch(batch);
+        let total = learner.progress.total_steps;
+        let schedule = learner.config.schedule(total);
+        let preparation = learner.preparation();
+        let source = &mut *self.source;
+        std::thread::scope(|scope| {
+            let (sender, prepared) = sync_channel(PREPARED_AHEAD);
+            let to_come = steps.clone();
+            scope.spawn(move || {
+                for step in to_come {
+                    let next = preparation.batch(&source.draw(step, batch));
+                    if sender.send(next).is_err() {
+                        break;
+                    }
+                }
+            });
+            for (step, batch) in steps.zip(&prepared) {
+                if observer.should_stop() {
+                    return Ok(false);
+                }
+                let rate = schedule.rate(step);
+                let loss = learner.step(&batch?, rate)?;
+                observer.stepped(&StepReport {
+                    step: step + 1,
+                    steps: Some(total),
+                    epoch: step / an_epoch,
+                    loss,
+                    rate,
+                    samples: learner.progress.samples,
+                });
+            }
+            Ok(true)
         })
     }
 

@@ -28,7 +28,7 @@ pub struct Shown {
 }
 
 /// Gives every step its samples.
-pub trait Source: std::fmt::Debug {
+pub trait Source: std::fmt::Debug + Send {
     /// Steps that make an epoch, for batches of a size.
     fn steps_per_epoch(&self, batch: usize) -> u64;
 

@@ -3,23 +3,21 @@
 use std::path::Path;
 
 use rayon::prelude::*;
-use swath_bridge::{GridSpec, Pose2, Vehicle};
+use swath_bridge::{GridSpec, Vehicle};
 use swath_planner::Plane;
-use swath_planner::network::{
-    Dropout, Encoding, Network, NetworkInfo, Parameters, Surroundings, Training,
-};
+use swath_planner::network::{Dropout, Encoding, Network, NetworkInfo, Parameters, Training};
 
+use crate::batch::{Batch, Part, Preparation};
 use crate::checkpoint::{Checkpoint, Progress};
 use crate::evaluate::{Predictor, Report, evaluate};
-use crate::example::{mirrored, mirrored_pose};
 use crate::loss::loss_and_gradient;
 use crate::optimiser::Adam;
-use crate::reach::{self, Reached};
-use crate::source::Shown;
+use crate::reach;
 use crate::{Error, Example, TrainConfig};
 
 /// Width of labels when the configuration does not redraw them, metres.
 pub const DEFAULT_LABEL_DILATION_M: f64 = 1.4;
+
 /// What a network is for that is trained with `config` on grids like `spec`.
 pub fn network_info(config: &TrainConfig, spec: &GridSpec, vehicle: &Vehicle) -> NetworkInfo {
     NetworkInfo {
@@ -51,7 +49,6 @@ pub struct Learner {
 #[derive(Debug, Default)]
 struct Memory {
     gradient: Vec<f32>,
-    input: Vec<f32>,
     cells: Vec<f32>,
     cell_gradient: Vec<f32>,
     logit_gradient: Vec<f32>,
@@ -121,21 +118,23 @@ impl Learner {
         self.parameters = parameters;
     }
 
-    /// One step of the optimiser on these samples; the mean loss of a sample before it.
+    /// How batches for this network are made.
+    pub const fn preparation(&self) -> Preparation {
+        Preparation::new(&self.config, self.encoding)
+    }
+
+    /// One step of the optimiser on a batch; the mean loss of a sample before it.
     ///
     /// # Errors
-    /// [`Error::Diverged`] if the loss is not finite (the parameters are then as before), the
-    /// planner's if a sample is of another grid.
-    pub fn step(&mut self, shown: &[Shown], rate: f64) -> Result<f64, Error> {
-        if shown.is_empty() {
+    /// [`Error::Diverged`] if the loss is not finite; the parameters are then as before.
+    pub fn step(&mut self, batch: &Batch, rate: f64) -> Result<f64, Error> {
+        if batch.samples == 0 {
             return Ok(0.0);
         }
         self.memory.gradient.fill(0.0);
-        let mut loss = 0.0;
-        for part in shown.chunks(self.config.micro_batch) {
-            loss += self.accumulate(part, shown.len())?;
-        }
-        if !loss.is_finite() || !self.memory.gradient.iter().all(|value| value.is_finite()) {
+        let parts = batch.parts.iter();
+        let loss = parts.map(|part| self.accumulate(part, batch.samples)).sum();
+        if !f64::is_finite(loss) || !self.memory.gradient.iter().all(|value| value.is_finite()) {
             return Err(Error::Diverged {
                 step: self.progress.step,
                 loss,
@@ -145,54 +144,39 @@ impl Learner {
         self.adam
             .step(rate, self.parameters.values_mut(), &self.memory.gradient);
         self.progress.step += 1;
-        self.progress.samples += shown.len() as u64;
+        self.progress.samples += batch.samples as u64;
         self.progress.loss_sum += loss;
         self.progress.loss_steps += 1;
         Ok(loss)
     }
 
-    /// Adds the gradient of a part of a batch of `batch` samples; the part's share of the loss.
-    fn accumulate(&mut self, part: &[Shown], batch: usize) -> Result<f64, Error> {
+    /// Adds the gradient of a part of a batch of `samples`; the part's share of the loss.
+    fn accumulate(&mut self, part: &Part, samples: usize) -> f64 {
         let Self {
             encoding, memory, ..
         } = self;
-        let planes = part.par_iter().map(|shown| Planes::of(shown, &self.config));
-        let planes: Vec<Planes> = planes.collect();
-        let (input_len, cells) = (encoding.input_len(), encoding.cells());
-        memory.input.resize(part.len() * input_len, 0.0);
-        memory
-            .input
-            .par_chunks_exact_mut(input_len)
-            .zip(&planes)
-            .try_for_each(|(input, planes)| {
-                encoding.encode(&planes.surroundings(), &planes.goal, input)
-            })?;
-        for planes in &planes {
-            encoding.check(&planes.label)?;
-        }
+        let (images, cells) = (part.labels.len(), encoding.cells());
         let dropout = self.config.dropout.then_some(Dropout {
             seed: self.config.seed,
             pass: self.progress.passes,
         });
         self.progress.passes += 1;
-        let logits = self
-            .network
-            .forward(&self.parameters, &memory.input, dropout);
+        let logits = self.network.forward(&self.parameters, &part.input, dropout);
         let logit_len = encoding.output_len();
-        memory.cells.resize(part.len() * cells, 0.0);
-        memory.cell_gradient.resize(part.len() * cells, 0.0);
-        memory.logit_gradient.resize(part.len() * logit_len, 0.0);
+        memory.cells.resize(images * cells, 0.0);
+        memory.cell_gradient.resize(images * cells, 0.0);
+        memory.logit_gradient.resize(images * logit_len, 0.0);
         logits
             .par_chunks_exact(logit_len)
             .zip(memory.cells.par_chunks_exact_mut(cells))
             .for_each(|(logits, cells)| encoding.decode(logits, cells));
-        let labels: Vec<&Plane> = planes.iter().map(|planes| &planes.label).collect();
-        let loss = loss_and_gradient(
+        let labels: Vec<&Plane> = part.labels.iter().collect();
+        let of_cells = loss_and_gradient(
             self.config.loss,
             &labels,
             &memory.cells,
             &mut memory.cell_gradient,
-            batch,
+            samples,
         );
         memory
             .cell_gradient
@@ -201,18 +185,15 @@ impl Learner {
             .for_each(|(cells, logits)| encoding.decode_backward(cells, logits));
         let (of_reach, score_gradient) = reach::loss_and_gradient(
             self.config.loss.reach_weight,
-            &part
-                .iter()
-                .map(|shown| Reached::of(&shown.example))
-                .collect::<Vec<_>>(),
+            &part.reached,
             &self.network.scores(),
-            batch,
+            samples,
         );
         let gradients = (memory.logit_gradient.as_slice(), score_gradient.as_slice());
         self.network
             .backward(&self.parameters, gradients, &mut memory.gradient);
         self.network.update_running(&mut self.parameters);
-        Ok(loss + of_reach)
+        of_cells + of_reach
     }
 
     /// Where the training stands.
@@ -261,51 +242,6 @@ impl Learner {
             progress: self.progress.clone(),
             parameters: self.parameters.clone(),
             adam: self.adam.state().clone(),
-        }
-    }
-}
-
-/// The planes of one showing, mirrored and relabelled as it says.
-struct Planes {
-    obstacles: Plane,
-    reference: Plane,
-    goal: Pose2,
-    speed_m_per_s: f64,
-    label: Plane,
-}
-
-impl Planes {
-    fn of(shown: &Shown, config: &TrainConfig) -> Self {
-        let example = &*shown.example;
-        let about = example.spec.ego_col;
-        let turned = |plane: &Plane| {
-            if shown.mirrored {
-                mirrored(plane, about)
-            } else {
-                plane.clone()
-            }
-        };
-        let label = config
-            .label_dilation_m
-            .map(|dilation_m| example.label_at(dilation_m));
-        Self {
-            obstacles: turned(&example.obstacles),
-            reference: turned(&example.reference),
-            goal: if shown.mirrored {
-                mirrored_pose(&example.goal)
-            } else {
-                example.goal
-            },
-            speed_m_per_s: example.speed_m_per_s,
-            label: turned(label.as_ref().unwrap_or(&example.label)),
-        }
-    }
-
-    const fn surroundings(&self) -> Surroundings<'_> {
-        Surroundings {
-            obstacles: &self.obstacles,
-            reference: &self.reference,
-            speed_m_per_s: self.speed_m_per_s,
         }
     }
 }

@@ -109,16 +109,27 @@ impl Model {
 
     /// Milliseconds of predictions from planes to regions, which is more than the others do.
     fn predict(&self, count: usize) -> f64 {
-        let mut plane = Plane::empty(self.info.spec.rows, self.info.spec.cols);
-        for index in (0..plane.len()).step_by(13) {
-            plane.set_index(index);
+        let empty = || Plane::empty(self.info.spec.rows, self.info.spec.cols);
+        let (mut obstacles, mut reference) = (empty(), empty());
+        let line = |plane: &mut Plane, (from, to): ((f64, f64), (f64, f64)), radius_m: f64| {
+            let ends = [Pose2::new(from.0, from.1, 0.0), Pose2::new(to.0, to.1, 0.0)];
+            plane.draw_line(&self.info.spec, &ends, radius_m);
+        };
+        // A road between two walls, with two cars on it.
+        for wall_y in [-6.0, 7.0] {
+            line(&mut obstacles, ((-15.0, wall_y), (58.0, wall_y)), 0.2);
         }
+        for (car_x, car_y) in [(15.0, 1.0), (28.0, -2.0)] {
+            line(&mut obstacles, ((car_x, car_y), (car_x + 4.0, car_y)), 0.9);
+        }
+        line(&mut reference, ((-15.0, 0.0), (58.0, 0.0)), 1.0);
         let surroundings = Surroundings {
-            obstacles: &plane,
-            reference: &plane,
+            obstacles: &obstacles,
+            reference: &reference,
             speed_m_per_s: 1.4,
         };
-        let goals = vec![Pose2::new(30.0, 3.0, 0.1); count];
+        let goal = |index: usize| Pose2::new(10.0 + index as f64 * 0.9, 2.0, 0.1);
+        let goals: Vec<Pose2> = (0..count).map(goal).collect();
         millis(|| {
             let regions = self.network.predict(&surroundings, &goals);
             assert!(regions.is_ok_and(|regions| regions.len() == count));

@@ -133,8 +133,8 @@ fn parts_of_a_batch_add_up_to_its_gradient() {
         };
         let mut learner = learner(&config);
         let mut source = Recorded::new(same.clone(), 1, false);
-        let shown = source.draw(0, 4);
-        learner.step(&shown, 1e-3).unwrap();
+        let batch = learner.preparation().batch(&source.draw(0, 4)).unwrap();
+        learner.step(&batch, 1e-3).unwrap();
         learner.memory.gradient
     };
     let (whole, parts) = (train(4), train(2));
@@ -214,8 +214,9 @@ fn a_loss_that_is_no_number_stops_the_training_and_leaves_the_parameters() {
     learner.start_from(broken);
     let before = format!("{:?}", learner.parameters.values()[1]);
     let shown = Recorded::new(examples(4), 1, false).draw(0, 4);
+    let batch = learner.preparation().batch(&shown).unwrap();
     assert!(matches!(
-        learner.step(&shown, 1e-3),
+        learner.step(&batch, 1e-3),
         Err(Error::Diverged { .. })
     ));
     assert_eq!(format!("{:?}", learner.parameters.values()[1]), before);
