@@ -243,6 +243,9 @@ pub(crate) struct TrainOptions {
     /// Steps of a node from one publication of weights to the next
     #[arg(long, default_value_t = 25, value_name = "STEPS")]
     pub(crate) publish_every: u64,
+    /// Most samples of the stream that a node keeps to learn from, about 30 kB each
+    #[arg(long, default_value_t = 20_000, value_name = "SAMPLES")]
+    pub(crate) keep: usize,
     /// Name of the run, as subscribers see it
     #[arg(long, default_value = "main", value_name = "NAME")]
     pub(crate) run: String,

@@ -5,25 +5,24 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
-use std::process::{Child, Command, ExitStatus, Stdio};
 use std::sync::Arc;
 use std::time::Duration;
 
-use nix::sys::signal::{Signal, kill};
-use nix::unistd::Pid;
+use nodes::System;
 use swath_bridge::msg::header::Header;
 use swath_bridge::msg::nav::{OccupancyGrid, Path as PathMessage};
 use swath_bridge::msg::swath::{PlanReport, Sample, Weights};
 use swath_bridge::recording::Reader;
 use swath_bridge::{
-    Cell, FREE, GridSpec, OCCUPIED, Occupancy, Pose2, Publisher, Session, SessionConfig,
-    Subscriber, Vehicle, keys,
+    Cell, FREE, GridSpec, OCCUPIED, Occupancy, Pose2, Publisher, Session, Subscriber, Vehicle, keys,
 };
 use swath_planner::network::Network;
 use swath_planner::report::path_message;
 use swath_planner::{
     FrameInput, FramePlanner, MotionModel, ObstacleConfig, PlanConfig, TargetConfig, sample_targets,
 };
+
+mod nodes;
 
 /// Longer than anything here takes, so that a test that would hang fails.
 const PATIENCE: Duration = Duration::from_mins(4);
@@ -33,42 +32,6 @@ const GRID_PERIOD: Duration = Duration::from_millis(100);
 const SPEED_M_PER_S: f64 = 1.4;
 /// Small steps and frequent weights.
 const TRAINING: [&str; 6] = ["--size", "half", "--batch", "4", "--publish-every", "3"];
-const CONFIG_FILE: &str = "swath.toml";
-const CONFIG: &str = "[targets]\ncount = 3\n";
-
-/// A node that is killed if a test ends without stopping it.
-struct Node(Child);
-
-impl Node {
-    fn start(folder: &Path, namespace: &str, arguments: &[&str]) -> Self {
-        let child = Command::new(env!("CARGO_BIN_EXE_swath"))
-            .args(["--namespace", namespace, "--config"])
-            .arg(folder.join(CONFIG_FILE))
-            .args(arguments)
-            .stdin(Stdio::null())
-            .stdout(Stdio::null())
-            .spawn();
-        Self(child.unwrap())
-    }
-
-    fn stop(mut self) -> ExitStatus {
-        kill(
-            Pid::from_raw(i32::try_from(self.0.id()).unwrap()),
-            Signal::SIGTERM,
-        )
-        .unwrap();
-        self.0.wait().unwrap()
-    }
-}
-
-impl Drop for Node {
-    fn drop(&mut self) {
-        // It has usually ended by now.
-        let _ = self.0.kill();
-        let _ = self.0.wait();
-    }
-}
-
 /// A vehicle that sends the same surroundings again and again.
 struct Surroundings {
     occupancy: Occupancy,
@@ -228,15 +191,10 @@ fn holds_everything(recording: &Path) {
 }
 
 async fn all_together(folder: &Path) {
-    let namespace = format!("test-{}", std::process::id());
     let (recording, train) = (folder.join("run.mcap"), folder.join("train"));
-    std::fs::write(folder.join(CONFIG_FILE), CONFIG).unwrap();
-    let start = |arguments: &[&str]| Node::start(folder, &namespace, arguments);
-    let config = SessionConfig {
-        namespace: Some(namespace.clone()),
-        ..SessionConfig::default()
-    };
-    let session = Session::open(&config).await.unwrap();
+    let system = System::new(folder, "[targets]\ncount = 3\n");
+    let start = |arguments: &[&str]| system.start(arguments);
+    let session = system.session().await;
     let mut published = session.subscriber(&keys::weights("*"), 64).await.unwrap();
     let mut vehicle = Surroundings::of(&session, "v0").await;
 

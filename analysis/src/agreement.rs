@@ -21,6 +21,8 @@ pub(crate) struct Subject {
     pub(crate) run: String,
     /// What was evaluated on.
     pub(crate) split: String,
+    /// Empty for all of it, else the part of it.
+    pub(crate) group: String,
     /// Dilation of the labels, millimetres: integers have an order and are equal to themselves.
     pub(crate) dilation_mm: i64,
     /// Version of the weights.
@@ -33,6 +35,13 @@ impl Subject {
         LEARNED_PREFIXES
             .iter()
             .any(|prefix| self.predictor.starts_with(prefix))
+    }
+
+    /// The nearer end of a group of distances, metres.
+    pub(crate) fn distance_m(&self) -> Option<f64> {
+        let distances = self.group.strip_prefix("distance/")?;
+        let digits = distances.find(|symbol: char| !symbol.is_ascii_digit())?;
+        distances[..digits].parse().ok()
     }
 
     /// Whether two subjects are the same but for the version of the weights.
@@ -53,6 +62,7 @@ pub(crate) struct Sums {
     union_path: f64,
     intersection_background: f64,
     union_background: f64,
+    joined: f64,
     elapsed_ms: f64,
 }
 
@@ -70,6 +80,11 @@ impl Sums {
     /// Mean of the two.
     pub(crate) fn miou(&self) -> Option<f64> {
         Some(f64::midpoint(self.iou_path()?, self.iou_background()?))
+    }
+
+    /// Share of regions that join vehicle and target.
+    pub(crate) fn joined_share(&self) -> Option<f64> {
+        ratio(self.joined, self.samples as f64)
     }
 
     /// Mean time of a prediction.
@@ -103,6 +118,7 @@ pub(crate) fn agreements(evaluations: &DataFrame) -> Result<Vec<Agreement>, Erro
         whole.union_path += part.union_path;
         whole.intersection_background += part.intersection_background;
         whole.union_background += part.union_background;
+        whole.joined += part.joined;
         whole.elapsed_ms += part.elapsed_ms;
     }
     let subjects: Vec<Subject> = sums.keys().cloned().collect();
@@ -131,8 +147,10 @@ fn distinct_evaluations(evaluations: &DataFrame) -> Result<Vec<(Subject, Sums)>,
     let name = |column| names(evaluations, column, TABLE);
     let count = |column| counts(evaluations, column, TABLE);
     let (predictors, runs, splits) = (name("predictor")?, name("run")?, name("split")?);
+    let groups = name("group")?;
     let dilations_m = numbers(evaluations, "dilation_m", TABLE)?;
     let (versions, samples) = (count("weights_version")?, count("samples")?);
+    let joined = count("joined")?;
     let path = (count("intersection_path")?, count("union_path")?);
     let background = (
         count("intersection_background")?,
@@ -146,6 +164,7 @@ fn distinct_evaluations(evaluations: &DataFrame) -> Result<Vec<(Subject, Sums)>,
             predictor: predictors[row].clone(),
             run: runs[row].clone(),
             split: splits[row].clone(),
+            group: groups[row].clone(),
             dilation_mm: (dilations_m[row] * 1000.0).round() as i64,
             weights_version: versions[row],
         };
@@ -166,6 +185,7 @@ fn distinct_evaluations(evaluations: &DataFrame) -> Result<Vec<(Subject, Sums)>,
                 union_path: cells[1] as f64,
                 intersection_background: cells[2] as f64,
                 union_background: cells[3] as f64,
+                joined: joined[row] as f64,
                 elapsed_ms: ms_per_sample[row] * samples[row] as f64,
             },
         ));

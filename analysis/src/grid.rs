@@ -37,6 +37,11 @@ impl Grid {
         self.rows.push(row);
     }
 
+    /// Whether there is any row.
+    pub(crate) const fn has_rows(&self) -> bool {
+        !self.rows.is_empty()
+    }
+
     /// The table in Markdown, an empty line behind it.
     pub(crate) fn markdown(&self) -> String {
         let mut text = markdown_row(&self.head);

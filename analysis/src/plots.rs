@@ -2,6 +2,7 @@
 
 mod canvas;
 
+use std::collections::BTreeMap;
 use std::path::Path;
 
 use crate::Error;
@@ -53,6 +54,7 @@ pub(crate) fn draw(sources: &Sources<'_>, directory: &Path) -> Result<Vec<String
         reached_by_targets(sources),
         training(sources, "loss.svg", ("Training loss", "loss"))?.legend_above(),
         miou(sources)?,
+        miou_by_distance(sources),
         samples_per_s(sources),
         weights_age(sources)?,
         latency(sources)?,
@@ -234,7 +236,7 @@ fn miou(sources: &Sources<'_>) -> Result<Chart, Error> {
     for agreement in sources
         .agreements
         .iter()
-        .filter(|a| !a.subject.is_learned())
+        .filter(|a| !a.subject.is_learned() && a.subject.group.is_empty())
     {
         if let Some(miou) = agreement.sums.miou() {
             let subject = &agreement.subject;
@@ -242,6 +244,25 @@ fn miou(sources: &Sources<'_>) -> Result<Chart, Error> {
         }
     }
     Ok(chart)
+}
+
+/// mIoU over the distance of the target, at the nearer end of each group.
+fn miou_by_distance(sources: &Sources<'_>) -> Chart {
+    let labels = ("distance of the target, from (m)", "mIoU");
+    let mut chart = Chart::new("miou_by_distance.svg", "mIoU by distance", labels);
+    let mut lines: BTreeMap<String, Vec<(f64, f64)>> = BTreeMap::new();
+    for agreement in sources.agreements.iter().filter(|a| a.is_newest) {
+        let subject = &agreement.subject;
+        if let (Some(from_m), Some(miou)) = (subject.distance_m(), agreement.sums.miou()) {
+            let name = format!("{} ({})", subject.predictor, subject.split);
+            lines.entry(name).or_default().push((from_m, miou));
+        }
+    }
+    for (name, mut points) in lines {
+        points.sort_by(|a, b| a.0.total_cmp(&b.0));
+        chart.line(&name, points);
+    }
+    chart
 }
 
 fn samples_per_s(sources: &Sources<'_>) -> Chart {

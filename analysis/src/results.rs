@@ -76,11 +76,13 @@ row_table! {
         weights_version: u64,
         is_newest: bool,
         split: String,
+        group: String,
         dilation_m: f64,
         samples: u64,
         miou: Option<f64>,
         iou_path: Option<f64>,
         iou_background: Option<f64>,
+        joined_share: Option<f64>,
         ms_per_sample: Option<f64>,
     }
 }
@@ -253,11 +255,13 @@ fn agreement_row(agreement: &Agreement) -> AgreementRow {
         weights_version: subject.weights_version,
         is_newest: agreement.is_newest,
         split: subject.split.clone(),
+        group: subject.group.clone(),
         dilation_m: subject.dilation_mm as f64 / 1000.0,
         samples: sums.samples,
         miou: sums.miou(),
         iou_path: sums.iou_path(),
         iou_background: sums.iou_background(),
+        joined_share: sums.joined_share(),
         ms_per_sample: sums.ms_per_sample(),
     }
 }

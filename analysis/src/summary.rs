@@ -78,7 +78,9 @@ impl Summary {
         written: Vec<PathBuf>,
     ) -> Self {
         let all_pairs = comparisons.iter().filter(|c| c.set == PairSet::All);
-        let newest = agreements.iter().filter(|agreement| agreement.is_newest);
+        let newest = agreements
+            .iter()
+            .filter(|agreement| agreement.is_newest && agreement.subject.group.is_empty());
         let generators = health.samples.generators.iter();
         Self {
             written,

@@ -372,12 +372,14 @@ fn progress(out: &mut Out) -> Result<(), Box<dyn Error>> {
         weights_version: 3,
         predictor: "enet".to_owned(),
         split: "test".to_owned(),
+        group: "scene/clutter".to_owned(),
         dilation_m: 1.4,
         samples: 2000,
         intersection_path: 1,
         union_path: 2,
         intersection_background: 3,
         union_background: 4,
+        joined: 1900,
         ms_per_sample: 12.75,
     })
 }

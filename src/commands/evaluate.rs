@@ -3,11 +3,11 @@
 use std::path::Path;
 
 use serde::Serialize;
-use swath_bridge::msg::header::Header;
-use swath_bridge::msg::swath::Evaluation;
 use swath_bridge::recording::Writer;
 use swath_bridge::{clock, keys};
-use swath_trainer::{DISTANCE_GROUPS_M, Predictor, Ranking, Report, evaluate, ranking};
+use swath_trainer::{
+    DISTANCE_GROUPS_M, Evaluated, Predictor, Ranking, Report, evaluate, evaluations, ranking,
+};
 
 use super::train::{open, set_aside};
 use crate::cli::EvaluateOptions;
@@ -209,30 +209,19 @@ fn print(reports: &[(&'static str, Report)]) -> anyhow::Result<()> {
 }
 
 /// Writes the counts, from which a report makes its table.
-#[expect(
-    clippy::cast_possible_truncation,
-    reason = "the message has single precision"
-)]
 fn record(out: &Path, split: &str, reports: &[(&'static str, Report)]) -> anyhow::Result<()> {
     let mut writer = Writer::create(out)?;
-    let now = clock::now_nanos();
-    for (name, report) in reports {
-        let total = &report.scores.total;
-        let message = Evaluation {
-            header: Header::at(now, ""),
-            run: RUN.to_owned(),
-            weights_version: 0,
-            predictor: (*name).to_owned(),
-            split: split.to_owned(),
-            dilation_m: report.dilation_m as f32,
-            samples: total.samples,
-            intersection_path: total.intersection_path,
-            union_path: total.union_path,
-            intersection_background: total.intersection_background,
-            union_background: total.union_background,
-            ms_per_sample: report.ms_per_sample as f32,
+    for (predictor, report) in reports {
+        let of = Evaluated {
+            run: RUN,
+            version: 0,
+            predictor,
+            split,
         };
-        writer.write(&keys::evaluation(RUN), &message, now, now)?;
+        for message in evaluations(of, report) {
+            let now = clock::now_nanos();
+            writer.write(&keys::evaluation(RUN), &message, now, now)?;
+        }
     }
     writer.finish()?;
     Ok(())

@@ -13,6 +13,7 @@ pub mod node;
 mod optimiser;
 mod random;
 mod reach;
+mod report;
 mod run;
 mod schedule;
 mod score;
@@ -31,6 +32,7 @@ pub use example::Example;
 pub use loss::{LossConfig, loss_and_gradient};
 pub use optimiser::{Adam, AdamConfig, AdamState, Decay};
 pub use reach::{Ranking, Reached, ranking};
+pub use report::{Evaluated, evaluations};
 pub use run::{
     BEST_FILE, CHECKPOINT_FILE, Observer, Run, ScoreReport, StepReport, Summary, Unobserved,
     Validation, WEIGHTS_FILE,

@@ -325,8 +325,9 @@ impl Node {
         self.summary.version = edition.weights.version;
         if let Some(report) = &edition.report {
             self.summary.miou = Some(report.scores.total.miou());
-            let message = messages::evaluation(&edition.weights, report);
-            self.evaluations.put(&message).await?;
+            for message in messages::evaluations(&edition.weights, report) {
+                self.evaluations.put(&message).await?;
+            }
         }
         Ok(self.weights.put(&edition.weights).await?)
     }

@@ -127,11 +127,15 @@ impl Run<'_> {
         let mut validation = Vec::new();
         while learner.progress.step < total && !is_patience_over(learner) {
             let begin = learner.progress.step;
-            let end = [an_epoch, learner.config.score_every_steps, CHECKPOINT_EVERY_STEPS]
-                .into_iter()
-                .filter(|&every| every > 0)
-                .map(|every| (begin / every + 1) * every)
-                .fold(total, u64::min);
+            let end = [
+                an_epoch,
+                learner.config.score_every_steps,
+                CHECKPOINT_EVERY_STEPS,
+            ]
+            .into_iter()
+            .filter(|&every| every > 0)
+            .map(|every| (begin / every + 1) * every)
+            .fold(total, u64::min);
             if !self.stretch(learner, begin..end, observer)? {
                 self.keep(learner)?;
                 return Ok(Summary {

@@ -23,7 +23,17 @@ pub(crate) fn section(agreements: &[Agreement], drawn: &[String]) -> Section {
             "Agreement of regions with labels.".to_owned(),
             table(agreements),
         );
+        let groups = groups(agreements);
+        if groups.has_rows() {
+            section.heading("By kind of scene and distance of the target");
+            section.labelled_table(
+                "tab:groups".to_owned(),
+                "Agreement of learned regions with labels, by group.".to_owned(),
+                groups,
+            );
+        }
     }
+    section.plot(drawn, "miou_by_distance.svg", "mIoU by distance");
     section.plot(drawn, "loss.svg", "Training loss");
     section.plot(drawn, "miou.svg", "mIoU over training");
     section
@@ -40,9 +50,11 @@ fn table(agreements: &[Agreement]) -> Grid {
         "mIoU",
         "IoU path",
         "IoU background",
+        "joined",
         "ms a sample",
     ]);
-    for agreement in agreements.iter().filter(|agreement| agreement.is_newest) {
+    let of_all = |agreement: &&Agreement| agreement.subject.group.is_empty();
+    for agreement in newest(agreements).filter(of_all) {
         let (subject, sums) = (&agreement.subject, &agreement.sums);
         let (mark, version) = if subject.is_learned() {
             ("", subject.weights_version.to_string())
@@ -59,11 +71,45 @@ fn table(agreements: &[Agreement]) -> Grid {
             percent(sums.miou()),
             percent(sums.iou_path()),
             percent(sums.iou_background()),
+            percent(sums.joined_share()),
             optional(sums.ms_per_sample()),
         ]);
     }
     let empty = std::iter::repeat_n(String::new(), 4);
     let paper = [count(paper::TEST_SAMPLES), percent(Some(paper::MIOU))];
     grid.row(["paper".to_owned()].into_iter().chain(empty).chain(paper));
+    grid
+}
+
+fn newest(agreements: &[Agreement]) -> impl Iterator<Item = &Agreement> {
+    agreements.iter().filter(|agreement| agreement.is_newest)
+}
+
+/// The parts of what learned predictors were evaluated on.
+fn groups(agreements: &[Agreement]) -> Grid {
+    let mut grid = Grid::new([
+        "predictor",
+        "split",
+        "dilation (m)",
+        "group",
+        "samples",
+        "mIoU",
+        "IoU path",
+        "joined",
+    ]);
+    for Agreement { subject, sums, .. } in newest(agreements) {
+        if subject.is_learned() && !subject.group.is_empty() {
+            grid.row([
+                subject.predictor.clone(),
+                subject.split.clone(),
+                format!("{:.2}", subject.dilation_mm as f64 / 1000.0),
+                subject.group.clone(),
+                count(sums.samples),
+                percent(sums.miou()),
+                percent(sums.iou_path()),
+                percent(sums.joined_share()),
+            ]);
+        }
+    }
     grid
 }

@@ -15,12 +15,14 @@ row_table! {
         weights_version: u64,
         predictor: String,
         split: String,
+        group: String,
         dilation_m: Option<f64>,
         samples: u64,
         intersection_path: u64,
         union_path: u64,
         intersection_background: u64,
         union_background: u64,
+        joined: u64,
         ms_per_sample: Option<f64>,
     }
 }
@@ -38,10 +40,12 @@ impl EvaluationRow {
             union_path: evaluation.union_path,
             intersection_background: evaluation.intersection_background,
             union_background: evaluation.union_background,
+            joined: evaluation.joined,
             ms_per_sample: number(evaluation.ms_per_sample),
             run: evaluation.run,
             predictor: evaluation.predictor,
             split: evaluation.split,
+            group: evaluation.group,
         }
     }
 }

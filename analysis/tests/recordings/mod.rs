@@ -163,12 +163,14 @@ pub(crate) fn evaluation(predictor: &str, version: u64, cells: [u64; 4]) -> Eval
         weights_version: version,
         predictor: predictor.to_owned(),
         split: "test".to_owned(),
+        group: String::new(),
         dilation_m: 1.4,
         samples: 10,
         intersection_path: cells[0],
         union_path: cells[1],
         intersection_background: cells[2],
         union_background: cells[3],
+        joined: 9,
         ms_per_sample: 4.0,
     }
 }

@@ -18,6 +18,8 @@ pub struct Evaluation {
     pub predictor: String,
     /// What was evaluated on.
     pub split: String,
+    /// Empty for all of it, else "scene/clutter" or "distance/10-20 m".
+    pub group: String,
     /// Dilation m.
     pub dilation_m: f32,
     /// Samples.
@@ -30,6 +32,8 @@ pub struct Evaluation {
     pub intersection_background: u64,
     /// Union background.
     pub union_background: u64,
+    /// Regions that join vehicle and target.
+    pub joined: u64,
     /// Ms per sample.
     pub ms_per_sample: f32,
 }

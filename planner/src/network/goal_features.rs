@@ -9,8 +9,8 @@
 
 use swath_bridge::Pose2;
 
-use super::graph::GOAL_FEATURES;
 use super::disc_ways::DiscWays;
+use super::graph::GOAL_FEATURES;
 use crate::dubins::shortest_path;
 
 /// Distances along the drive are divided by this, metres.

@@ -8,9 +8,9 @@
 use serde::{Deserialize, Serialize};
 use swath_bridge::{Cell, GridSpec, Pose2};
 
+use super::disc_ways::{Disc, DiscWays};
 use super::engine::kernel::{Isa, compiled_for};
 use super::engine::spatial::{FAR, NEAR, bilinear_lines};
-use super::disc_ways::{Disc, DiscWays};
 use super::goal_features::{self, Pixels};
 use super::graph::{Architecture, GOAL_FEATURES, INPUT_PLANES, SIDE_MULTIPLE};
 use crate::plane::each_cell_near;

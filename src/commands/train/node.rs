@@ -32,6 +32,7 @@ pub(super) fn run(
         vehicle: config.vehicle,
         directory: Some(options.out.clone()),
         publish_every_steps: options.publish_every.max(1),
+        replay_capacity: options.keep,
         ..NodeConfig::new(
             &options.run,
             load_or_create_key(&options.out.join(KEY_FILE))?,

@@ -5,9 +5,9 @@ use swath_bridge::msg::header::Header;
 use swath_bridge::msg::swath::{Evaluation, TrainStatus, Weights};
 
 use super::{NodeConfig, NodeSummary};
-use crate::Report;
 use crate::source::Live;
 use crate::train::Learner;
+use crate::{Evaluated, Report};
 
 /// How the training stands, apart from what the summary and the source know.
 #[derive(Debug, Clone, Copy, Default)]
@@ -86,22 +86,14 @@ pub(super) fn weights(
     }
 }
 
-pub(super) fn evaluation(weights: &Weights, report: &Report) -> Evaluation {
-    let total = report.scores.total;
-    Evaluation {
-        header: Header::at(clock::now_nanos(), ""),
-        run: weights.run.clone(),
-        weights_version: weights.version,
-        predictor: weights.architecture.clone(),
-        split: "scenes set aside".to_owned(),
-        dilation_m: single(report.dilation_m),
-        samples: total.samples,
-        intersection_path: total.intersection_path,
-        union_path: total.union_path,
-        intersection_background: total.intersection_background,
-        union_background: total.union_background,
-        ms_per_sample: single(report.ms_per_sample),
-    }
+pub(super) fn evaluations(weights: &Weights, report: &Report) -> Vec<Evaluation> {
+    let of = Evaluated {
+        run: &weights.run,
+        version: weights.version,
+        predictor: &weights.architecture,
+        split: "scenes set aside",
+    };
+    crate::evaluations(of, report)
 }
 
 #[expect(
