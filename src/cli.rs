@@ -210,6 +210,10 @@ pub(crate) struct TrainOptions {
     /// End after so many scorings without a better one; 0 for never
     #[arg(long, value_name = "SCORINGS")]
     pub(crate) patience: Option<u64>,
+    /// Share of each batch drawn from the samples on which the planner, with the network so far,
+    /// searches longest; 0 for none [default: 0]
+    #[arg(long, value_name = "SHARE")]
+    pub(crate) hard: Option<f64>,
     /// Passes over the data
     #[arg(long)]
     pub(crate) epochs: Option<u64>,

@@ -10,8 +10,8 @@ use anyhow::Context;
 use indicatif::ProgressBar;
 use swath_planner::network::{InputSize, Parameters};
 use swath_trainer::{
-    CHECKPOINT_FILE, Checkpoint, Dataset, Example, Learner, Observer, Recorded, Run, ScoreReport,
-    Source, Split, StepReport, TrainConfig, Validation, network_info, split,
+    CHECKPOINT_FILE, Checkpoint, Dataset, Example, Learner, Miner, Observer, Recorded, Run,
+    ScoreReport, Source, Split, StepReport, TrainConfig, Validation, network_info, split,
 };
 
 use crate::cli::{AsideOptions, NetworkOptions, Preset, Size, SplitBy, TrainOptions};
@@ -52,6 +52,7 @@ fn train_config(options: &TrainOptions, config: &Config) -> TrainConfig {
     };
     train.seed = options.aside.seed;
     train.score_every_steps = options.score_every.unwrap_or(train.score_every_steps);
+    train.hard_share = options.hard.unwrap_or(train.hard_share);
     train.patience = options.patience.unwrap_or(train.patience);
     train.epochs = options.epochs.unwrap_or(train.epochs);
     if let Some(batch) = options.batch {
@@ -145,6 +146,7 @@ fn on_recordings(
     let run = Run {
         source: &mut source,
         validation: &validation,
+        miner: miner(train, config)?,
         directory: Some(options.out.clone()),
     };
     let summary = run.train(&mut learner, &mut watcher)?;
@@ -156,6 +158,14 @@ fn on_recordings(
         output::line(format_args!("stopped; go on with --resume --out {out}"))?;
     }
     Ok(())
+}
+
+/// What finds hard samples, if they are wanted.
+fn miner(train: &TrainConfig, config: &Config) -> anyhow::Result<Option<Miner>> {
+    let wanted = train.hard_share > 0.0;
+    Ok(wanted
+        .then(|| Miner::new(&config.vehicle, &config.grid))
+        .transpose()?)
 }
 
 fn listed(counts: impl Iterator<Item = (usize, String)>) -> String {

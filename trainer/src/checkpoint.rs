@@ -41,6 +41,9 @@ pub struct Progress {
     pub since_best: u64,
     /// Number of the newest published weights.
     pub version: u64,
+    /// Numbers of the samples that come back more often.
+    #[serde(default)]
+    pub hard: Vec<u64>,
 }
 
 /// What a checkpoint holds.
@@ -224,6 +227,7 @@ mod tests {
                 best_miou: Some(1.0 / 3.0),
                 since_best: 2,
                 version: 2,
+                hard: vec![3, 1],
             },
             adam: AdamState {
                 steps: 7,

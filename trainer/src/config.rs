@@ -44,6 +44,8 @@ pub struct TrainConfig {
     pub dropout: bool,
     /// Whether every other showing of a sample is mirrored left to right.
     pub mirror: bool,
+    /// Share of a batch that is drawn from the samples that the planner finds hardest.
+    pub hard_share: f64,
     /// Steps from one scoring to the next, apart from those after each epoch; 0 for none.
     pub score_every_steps: u64,
     /// Ends a run after so many scorings without a better one; 0 for never.
@@ -69,6 +71,7 @@ impl Default for TrainConfig {
             loss: LossConfig::default(),
             dropout: true,
             mirror: true,
+            hard_share: 0.0,
             score_every_steps: 0,
             patience: 0,
             label_dilation_m: None,
@@ -149,6 +152,7 @@ impl TrainConfig {
                 0.0,
                 100.0,
             ),
+            ("hard_share", self.hard_share, 0.0, 1.0),
             ("label_dilation_m", dilation, 0.1, 10.0),
         ] {
             if !(least..=most).contains(&value) {

@@ -9,6 +9,7 @@
 use std::future::Future;
 use std::path::PathBuf;
 use std::pin::pin;
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use swath_bridge::msg::swath::{Evaluation, Sample, TrainStatus, Weights};
@@ -18,10 +19,11 @@ use swath_planner::network::Parameters;
 use tokio::task::{JoinHandle, spawn_blocking};
 
 use crate::checkpoint::{Checkpoint, write_atomically};
+use crate::mining::CANDIDATES;
 use crate::run::{CHECKPOINT_FILE, WEIGHTS_FILE};
 use crate::source::{Live, Replay, Source};
 use crate::train::{Learner, network_info, score};
-use crate::{Error, Example, Report, Schedule, TrainConfig};
+use crate::{Error, Example, Miner, Report, Schedule, TrainConfig};
 
 mod messages;
 
@@ -184,6 +186,8 @@ struct Stepped {
     rate: f64,
     shown: usize,
     edition: Option<Edition>,
+    /// Numbers of the samples that are hard, if that was found out anew.
+    hard: Option<Vec<u64>>,
 }
 
 /// Weights that are ready to be published.
@@ -201,6 +205,7 @@ struct Node {
     /// Away while a step is under way.
     learner: Option<Box<Learner>>,
     live: Live,
+    miner: Option<Arc<Miner>>,
     validation: Vec<Example>,
     schedule: Schedule,
     progress: messages::Standing,
@@ -223,6 +228,7 @@ impl Node {
             weights: session.publisher(&keys::weights(&config.run)).await?,
             evaluations: session.publisher(&keys::evaluation(&config.run)).await?,
             live: Live::new(replay, config.publish_every_steps, chance),
+            miner: miner(&config)?,
             learner: None,
             validation: Vec::new(),
             schedule: config.schedule(),
@@ -278,18 +284,26 @@ impl Node {
         let rate = self.schedule.rate(step);
         let publish = (step + 1).is_multiple_of(self.config.publish_every_steps.max(1));
         let edition_for = publish.then(|| (self.config.clone(), self.validation.clone()));
+        let miner = self.miner.clone().filter(|_| publish);
+        let candidates = miner
+            .as_ref()
+            .map(|_| self.live.candidates(step, CANDIDATES));
         Some(spawn_blocking(move || {
             let batch = learner.preparation().batch(&shown)?;
             let loss = learner.step(&batch, rate)?;
             let edition = edition_for
                 .map(|(config, validation)| edition(&config, &mut learner, &validation))
                 .transpose()?;
+            let hard = miner
+                .zip(candidates)
+                .map(|(miner, candidates)| miner.hardest(&learner.network(), &candidates));
             Ok(Stepped {
                 learner,
                 loss,
                 rate,
                 shown: shown.len(),
                 edition,
+                hard: hard.transpose()?,
             })
         }))
     }
@@ -301,6 +315,10 @@ impl Node {
         self.progress.rate = stepped.rate;
         self.progress.samples = stepped.learner.progress().samples;
         self.pace.1 += stepped.shown as u64;
+        if let Some(hard) = stepped.hard {
+            let share = stepped.learner.config().hard_share;
+            self.live.bring_back(&hard, share);
+        }
         self.learner = Some(stepped.learner);
         let published = stepped.edition.is_some();
         if let Some(edition) = stepped.edition {
@@ -349,6 +367,13 @@ impl Node {
         }
         Ok(self.summary)
     }
+}
+
+/// What finds hard samples, if they are wanted.
+fn miner(config: &NodeConfig) -> Result<Option<Arc<Miner>>, Error> {
+    let wanted = config.train.hard_share > 0.0;
+    let miner = wanted.then(|| Miner::new(&config.vehicle, &config.grid).map(Arc::new));
+    miner.transpose()
 }
 
 /// The learner to begin with: from the checkpoint in the directory, from the given weights, or new.

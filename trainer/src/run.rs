@@ -6,9 +6,10 @@ use std::sync::mpsc::sync_channel;
 
 use crate::checkpoint::write_atomically;
 use crate::evaluate::Report;
+use crate::mining::CANDIDATES;
 use crate::source::Source;
 use crate::train::score;
-use crate::{Error, Example, Learner};
+use crate::{Error, Example, Learner, Miner};
 
 /// Name of the checkpoint in the directory of a run.
 pub const CHECKPOINT_FILE: &str = "checkpoint.safetensors";
@@ -88,6 +89,8 @@ pub struct Run<'a> {
     pub source: &'a mut dyn Source,
     /// Scored after every epoch and in between; the first decides which weights are the best.
     pub validation: &'a [Validation],
+    /// Finds hard samples, if a share of each batch is to be of them.
+    pub miner: Option<Miner>,
     /// Where checkpoint and weights are kept, if anywhere.
     pub directory: Option<PathBuf>,
 }
@@ -124,6 +127,8 @@ impl Run<'_> {
         let an_epoch = self.source.steps_per_epoch(batch);
         let total = an_epoch * learner.config.epochs;
         self.check_total(learner, total)?;
+        let hard_share = learner.config.hard_share;
+        self.source.bring_back(&learner.progress.hard, hard_share);
         let mut validation = Vec::new();
         while learner.progress.step < total && !is_patience_over(learner) {
             let begin = learner.progress.step;
@@ -143,6 +148,7 @@ impl Run<'_> {
                     validation,
                 });
             }
+            self.mine(learner)?;
             if is_due(end, an_epoch) || is_due(end, learner.config.score_every_steps) {
                 validation = self.score(learner, end / an_epoch, observer)?;
             } else {
@@ -153,6 +159,17 @@ impl Run<'_> {
             complete: true,
             validation,
         })
+    }
+
+    /// Finds out anew which samples are hard.
+    fn mine(&mut self, learner: &mut Learner) -> Result<(), Error> {
+        if let Some(miner) = &self.miner {
+            let candidates = self.source.candidates(learner.progress.step, CANDIDATES);
+            learner.progress.hard = miner.hardest(&learner.network(), &candidates)?;
+            let share = learner.config.hard_share;
+            self.source.bring_back(&learner.progress.hard, share);
+        }
+        Ok(())
     }
 
     /// Takes some steps while a thread prepares what comes next. `false` if the observer stopped it.

@@ -1,5 +1,6 @@
 //! Where the samples of each step come from: recordings, or the live stream.
 
+use std::collections::BTreeSet;
 use std::sync::Arc;
 
 use rand_chacha::rand_core::Rng;
@@ -17,6 +18,10 @@ const ORDER_STREAM: u64 = 2 << 40;
 const MIRROR_STREAM: u64 = 3 << 40;
 /// Random numbers for drawing from the replay buffer are drawn from streams from here on.
 const DRAW_STREAM: u64 = 4 << 40;
+/// Random numbers for drawing hard samples are drawn from streams from here on.
+const HARD_STREAM: u64 = 5 << 40;
+/// Random numbers for candidates for hard samples are drawn from streams from here on.
+const CANDIDATE_STREAM: u64 = 6 << 40;
 
 /// An example as one step shows it.
 #[derive(Debug, Clone)]
@@ -34,6 +39,67 @@ pub trait Source: std::fmt::Debug + Send {
 
     /// The samples of a step: `batch` of them, or fewer if there are not as many.
     fn draw(&mut self, step: u64, batch: usize) -> Vec<Shown>;
+
+    /// Samples with a path, drawn at random for a step, and their numbers: those of which it is to be
+    /// found out how hard they are. Fewer than `count` if there are not as many.
+    fn candidates(&self, step: u64, count: usize) -> Vec<(u64, Arc<Example>)>;
+
+    /// From now on a share of each batch are samples of these numbers.
+    fn bring_back(&mut self, hard: &[u64], share: f64);
+}
+
+/// Samples that come back more often.
+#[derive(Debug, Default)]
+struct Hard {
+    numbers: Vec<usize>,
+    share: f64,
+}
+
+impl Hard {
+    fn new(hard: &[u64], share: f64) -> Self {
+        let numbers = hard
+            .iter()
+            .filter_map(|&number| usize::try_from(number).ok());
+        Self {
+            numbers: numbers.collect(),
+            share,
+        }
+    }
+
+    /// Puts hard samples in the place of the last ones of a batch.
+    #[expect(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "a share of a batch is a smaller batch"
+    )]
+    fn put_into(&self, shown: &mut [Shown], held: &[Arc<Example>], (seed, step): (u64, u64)) {
+        if self.numbers.is_empty() || self.share <= 0.0 {
+            return;
+        }
+        let mut random = stream(seed, HARD_STREAM + step);
+        let first = shown.len() - (shown.len() as f64 * self.share.min(1.0)) as usize;
+        for place in &mut shown[first..] {
+            let number = self.numbers[below(&mut random, self.numbers.len())];
+            if let Some(example) = held.get(number) {
+                place.example = Arc::clone(example);
+            }
+        }
+    }
+}
+
+/// Draws samples with a path.
+fn candidates(
+    held: &[Arc<Example>],
+    (seed, step): (u64, u64),
+    count: usize,
+) -> Vec<(u64, Arc<Example>)> {
+    let mut random = stream(seed, CANDIDATE_STREAM + step);
+    let drawn = (0..count.min(held.len())).map(|_| below(&mut random, held.len()));
+    let drawn: BTreeSet<usize> = drawn.filter(|&index| held[index].is_solved()).collect();
+    drawn
+        .into_iter()
+        .map(|index| (index as u64, Arc::clone(&held[index])))
+        .collect()
 }
 
 /// Samples that are all there from the beginning: each is shown once an epoch, or as often as is
@@ -48,6 +114,7 @@ pub struct Recorded {
     mirror: bool,
     epoch: u64,
     order: Vec<usize>,
+    hard: Hard,
 }
 
 impl Recorded {
@@ -74,6 +141,7 @@ impl Recorded {
             seed,
             mirror,
             epoch: 0,
+            hard: Hard::default(),
         };
         source.begin_epoch(0);
         source
@@ -102,12 +170,23 @@ impl Source for Recorded {
         let first = usize::try_from(step % steps).unwrap_or(0) * batch;
         let mut random = stream(self.seed, MIRROR_STREAM + step);
         let shown = self.order.iter().skip(first).take(batch);
-        shown
+        let mut shown: Vec<Shown> = shown
             .map(|&index| Shown {
                 example: Arc::clone(&self.examples[index]),
                 mirrored: self.mirror && random.next_u32() % 2 == 1,
             })
-            .collect()
+            .collect();
+        self.hard
+            .put_into(&mut shown, &self.examples, (self.seed, step));
+        shown
+    }
+
+    fn candidates(&self, step: u64, count: usize) -> Vec<(u64, Arc<Example>)> {
+        candidates(&self.examples, (self.seed, step), count)
+    }
+
+    fn bring_back(&mut self, hard: &[u64], share: f64) {
+        self.hard = Hard::new(hard, share);
     }
 }
 
@@ -120,16 +199,18 @@ pub struct Live {
     pub steps_per_epoch: u64,
     seed: u64,
     mirror: bool,
+    hard: Hard,
 }
 
 impl Live {
     /// A source that draws from `replay`.
-    pub const fn new(replay: Replay, steps_per_epoch: u64, (seed, mirror): (u64, bool)) -> Self {
+    pub fn new(replay: Replay, steps_per_epoch: u64, (seed, mirror): (u64, bool)) -> Self {
         Self {
             replay,
             steps_per_epoch,
             seed,
             mirror,
+            hard: Hard::default(),
         }
     }
 }
@@ -145,12 +226,22 @@ impl Source for Live {
             return Vec::new();
         }
         let mut random = stream(self.seed, DRAW_STREAM + step);
-        (0..batch)
+        let mut shown: Vec<Shown> = (0..batch)
             .map(|_| Shown {
                 example: Arc::clone(&held[below(&mut random, held.len())]),
                 mirrored: self.mirror && random.next_u32() % 2 == 1,
             })
-            .collect()
+            .collect();
+        self.hard.put_into(&mut shown, held, (self.seed, step));
+        shown
+    }
+
+    fn candidates(&self, step: u64, count: usize) -> Vec<(u64, Arc<Example>)> {
+        candidates(self.replay.examples(), (self.seed, step), count)
+    }
+
+    fn bring_back(&mut self, hard: &[u64], share: f64) {
+        self.hard = Hard::new(hard, share);
     }
 }
 
@@ -199,6 +290,24 @@ mod tests {
             (shown.len(), shown.iter().filter(is_often).count()),
             (10, 3)
         );
+    }
+
+    #[test]
+    fn hard_samples_come_back_in_their_share_of_each_batch() {
+        let mut source = Recorded::new(examples(12), 7, false);
+        let candidates = source.candidates(3, 6);
+        assert!(!candidates.is_empty() && candidates.len() <= 6);
+        let (number, hard) = candidates[0].clone();
+        let before = source.draw(2, 4);
+        source.bring_back(&[number], 0.5);
+        let shown = source.draw(2, 4);
+        assert!(
+            shown[..2]
+                .iter()
+                .zip(&before)
+                .all(|(a, b)| a.example == b.example)
+        );
+        assert!(shown[2..].iter().all(|shown| shown.example == hard));
     }
 
     #[test]

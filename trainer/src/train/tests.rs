@@ -28,6 +28,7 @@ fn run(learner: &mut Learner, directory: Option<&Path>, observer: &mut dyn Obser
     let run = Run {
         source: &mut source,
         validation: &[],
+        miner: None,
         directory: directory.map(Path::to_owned),
     };
     run.train(learner, observer).unwrap()
@@ -113,6 +114,7 @@ fn a_checkpoint_of_other_settings_or_other_data_is_refused() {
     let run = Run {
         source: &mut source,
         validation: &[],
+        miner: None,
         directory: None,
     };
     let error = run.train(&mut resumed, &mut Unobserved).unwrap_err();
@@ -160,6 +162,7 @@ fn a_run_leaves_its_newest_and_its_best_weights_in_a_directory_of_its_own() {
             name: "few".to_owned(),
             examples: examples(3),
         }],
+        miner: None,
         directory: Some(directory.clone()),
     };
     let summary = run.train(&mut learner, &mut Unobserved).unwrap();
@@ -188,6 +191,7 @@ fn overfits(size: InputSize, spec: GridSpec) {
     let run = Run {
         source: &mut source,
         validation: &[],
+        miner: None,
         directory: None,
     };
     run.train(&mut learner, &mut Unobserved).unwrap();
@@ -239,6 +243,7 @@ fn a_run_ends_when_the_scores_have_not_improved_for_long() {
             name: "few".to_owned(),
             examples: examples(3),
         }],
+        miner: None,
         directory: None,
     };
     assert!(run.train(&mut learner, &mut Unobserved).unwrap().complete);
