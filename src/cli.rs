@@ -271,6 +271,10 @@ pub(crate) struct EvaluateOptions {
     /// Distance from the optimal path to the edge of its label, metres [default: as trained]
     #[arg(long, value_name = "METRES")]
     pub(crate) dilation_m: Option<f64>,
+    /// Also say what limits the score: how far labels of the same cost differ, and what errors cost
+    /// the planner. Searches every sample twice again
+    #[arg(long)]
+    pub(crate) limits: bool,
     /// Picture of samples from the worst predicted to the best
     #[arg(long, value_name = "FILE")]
     pub(crate) picture: Option<PathBuf>,

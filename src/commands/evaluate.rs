@@ -6,7 +6,8 @@ use serde::Serialize;
 use swath_bridge::recording::Writer;
 use swath_bridge::{clock, keys};
 use swath_trainer::{
-    DISTANCE_GROUPS_M, Evaluated, Predictor, Ranking, Report, evaluate, evaluations, ranking,
+    DISTANCE_GROUPS_M, Evaluated, IOU_GROUPS, Limits, Predictor, Ranking, Report, evaluate,
+    evaluations, limits, ranking,
 };
 
 use super::train::{open, set_aside};
@@ -46,6 +47,9 @@ pub(crate) fn run(options: &EvaluateOptions, config: &Config) -> Result<(), Fail
         ));
     }
     let ranking = ranking(&network, &examples)?;
+    if options.limits {
+        print_limits(&limits(&network, &examples, &config.vehicle)?)?;
+    }
     if let Some(path) = &options.picture {
         picture::draw(path, predictors[0], (&examples, dilation_m), config)?;
     }
@@ -168,6 +172,28 @@ fn print_ranking(ranking: Option<Ranking>) -> anyhow::Result<()> {
          {:.3} (clearance alone {:.3}); rank correlation with cost {:.3}, with steps {:.3}",
         ranking.auc, ranking.auc_clearance, ranking.rank_cost, ranking.rank_steps
     ))
+}
+
+fn print_limits(limits: &Limits) -> anyhow::Result<()> {
+    output::line(format_args!(
+        "labels against other paths of the same cost, {} samples: mIoU {:.2}%, path IoU {:.2}%",
+        limits.ties.samples,
+        100.0 * limits.ties.miou(),
+        100.0 * limits.ties.iou_path()
+    ))?;
+    let mut from = 0.0;
+    for (to, group) in IOU_GROUPS.iter().zip(limits.groups) {
+        output::line(format_args!(
+            "regions with a path IoU from {from:.2} on: {} samples, path found to {}, cost {:.3} of the \
+             optimum, at most 1 % above it in {}",
+            group.samples,
+            group.solved,
+            group.cost_ratios / group.solved.max(1) as f64,
+            group.as_good
+        ))?;
+        from = *to;
+    }
+    Ok(())
 }
 
 fn print(reports: &[(&'static str, Report)]) -> anyhow::Result<()> {

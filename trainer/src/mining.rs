@@ -6,8 +6,8 @@ use std::sync::Arc;
 use rayon::prelude::*;
 use swath_bridge::{GridSpec, Vehicle};
 use swath_planner::network::Network;
-use swath_planner::{CollisionMap, MotionModel, PlanConfig, Planner};
 
+use crate::guided::Guided;
 use crate::{Error, Example};
 
 /// Examples that are tried at a time.
@@ -19,10 +19,7 @@ const MAX_EXPANSIONS: u64 = 100_000;
 
 /// Finds out which examples are hard.
 #[derive(Debug)]
-pub struct Miner {
-    model: Arc<MotionModel>,
-    planner: Planner,
-}
+pub struct Miner(Guided);
 
 impl Miner {
     /// A miner for a vehicle on grids like `spec`.
@@ -30,10 +27,7 @@ impl Miner {
     /// # Errors
     /// The planner's, if vehicle or resolution are out of range.
     pub fn new(vehicle: &Vehicle, spec: &GridSpec) -> Result<Self, Error> {
-        Ok(Self {
-            model: Arc::new(MotionModel::new(vehicle, spec.resolution_m)?),
-            planner: Planner::new(),
-        })
+        Guided::new(vehicle, spec, MAX_EXPANSIONS).map(Self)
     }
 
     /// The numbers of those candidates on which `tiev-fcn` with the regions of `network` takes the
@@ -56,18 +50,8 @@ impl Miner {
     }
 
     fn steps(&self, network: &Network, example: &Example) -> Result<u64, Error> {
-        let goals = [example.goal];
-        let predictions = network.predict(&example.surroundings(), &goals)?;
-        let regions = predictions.into_iter().map(|prediction| prediction.region);
-        let regions: Vec<_> = regions.collect();
-        let map = CollisionMap::new(Arc::clone(&self.model), example.spec, &example.obstacles)?;
-        let config = PlanConfig {
-            speed_m_per_s: example.speed_m_per_s,
-            max_expansions: MAX_EXPANSIONS,
-            ..PlanConfig::default()
-        };
-        let plans = self.planner.plan(&map, &goals, Some(&regions), &config)?;
-        Ok(plans.iter().map(|plan| plan.result.steps).sum())
+        let planned = self.0.plan(network, example)?;
+        Ok(planned.map_or(0, |(_, result)| result.steps))
     }
 }
 
