@@ -11,6 +11,7 @@ mod goal_features;
 mod graph;
 mod input;
 mod onnx;
+mod output;
 mod parameters;
 mod predictor;
 mod reach;

@@ -296,6 +296,9 @@ fn give<T>(pool: &Mutex<Vec<T>>, memory: T) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::network::Reference;
+    use crate::network::graph::{GOAL_FEATURES, INPUT_PLANES, SIDE_MULTIPLE};
+    use candle_core::{DType, Device, Tensor};
     use proptest::prelude::*;
     use std::sync::OnceLock;
 
@@ -416,6 +419,76 @@ mod tests {
         not_a_number[end - 4..].copy_from_slice(&f32::NAN.to_le_bytes());
         let error = Network::load(&not_a_number).unwrap_err().to_string();
         assert!(error.contains("finite"), "{error}");
+    }
+
+    /// The logits of the cells by the plain candle model.
+    fn plainly(
+        info: &NetworkInfo,
+        parameters: &Parameters,
+        surroundings: &Surroundings<'_>,
+        goal: &Pose2,
+    ) -> Vec<f32> {
+        let encoding = info.encoding();
+        let mut input = vec![0.0; encoding.input_len()];
+        encoding.encode(surroundings, goal, &mut input).unwrap();
+        let (planes, features) = input.split_at(encoding.planes_len());
+        let (rows, cols) = encoding.input_size();
+        let tensor = |values: &[f32], shape: (usize, usize, usize, usize)| {
+            let channels_last = Tensor::from_slice(values, shape, &Device::Cpu).unwrap();
+            let channels_first = channels_last.permute((0, 3, 1, 2)).unwrap();
+            channels_first.contiguous().unwrap()
+        };
+        let planes = tensor(planes, (1, rows, cols, INPUT_PLANES));
+        let features = (!features.is_empty()).then(|| {
+            let shape = (1, rows / SIDE_MULTIPLE, cols / SIDE_MULTIPLE, GOAL_FEATURES);
+            tensor(features, shape)
+        });
+        let reference = Reference::new(parameters, &Device::Cpu, DType::F64).unwrap();
+        let logits = reference
+            .forward(&planes, features.as_ref(), false)
+            .unwrap();
+        let logits = logits.to_dtype(DType::F32).unwrap();
+        let logits: Vec<f32> = logits.flatten_all().unwrap().to_vec1().unwrap();
+        let mut cells = vec![0.0; encoding.cells()];
+        encoding.decode(&logits, &mut cells);
+        cells
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(24))]
+
+        #[test]
+        fn on_grids_of_any_size_predictions_are_those_of_plain_candle(
+            shared: bool, half: bool, rows in 1u32..90, cols in 1u32..60, seed in 0u64..1000,
+        ) {
+            let info = NetworkInfo {
+                architecture: if shared { Architecture::EnetShared } else { Architecture::Enet },
+                size: if half { InputSize::Half } else { InputSize::Full },
+                spec: GridSpec { rows, cols, resolution_m: 0.2, ego_row: rows / 2, ego_col: cols / 3 },
+                ..NetworkInfo::default()
+            };
+            let parameters = Parameters::initial(info.architecture, seed);
+            let (mut obstacles, mut reference) = (Plane::empty(rows, cols), Plane::empty(rows, cols));
+            (0..obstacles.len()).step_by(17).for_each(|index| obstacles.set_index(index));
+            (0..reference.len()).step_by(3).for_each(|index| reference.set_index(index));
+            let surroundings = Surroundings {
+                obstacles: &obstacles,
+                reference: &reference,
+                speed_m_per_s: 1.4,
+            };
+            let goal = Pose2::new(3.0, -1.0, 0.4);
+            let expected = plainly(&info, &parameters, &surroundings, &goal);
+            let network = Network::new(info, &parameters);
+            let found = network.each(&surroundings, &[goal], |logits, _| {
+                let mut cells = vec![0.0; network.info.encoding().cells()];
+                network.info.encoding().decode(logits, &mut cells);
+                cells
+            });
+            let pairs = found.unwrap().swap_remove(0).into_iter().zip(&expected);
+            let off = pairs.fold(0.0_f32, |most, (a, b)| most.max((a - b).abs()));
+            let largest = expected.iter().fold(0.0_f32, |most, cell| most.max(cell.abs()));
+            prop_assert!(off <= 1e-4 * largest.max(1.0), "{} of {}", off, largest);
+        }
     }
 
     proptest! {
