@@ -4,7 +4,7 @@ use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use anyhow::Context;
 use indicatif::ProgressBar;
@@ -142,6 +142,8 @@ fn on_recordings(
         from: learner.progress().step,
         steps,
         batch: train.batch,
+        waits_since: Instant::now(),
+        waited: Duration::ZERO,
     };
     let run = Run {
         source: &mut source,
@@ -265,6 +267,8 @@ struct Watcher {
     from: u64,
     steps: u64,
     batch: usize,
+    waits_since: Instant,
+    waited: Duration,
 }
 
 impl Observer for Watcher {
@@ -287,18 +291,24 @@ impl Observer for Watcher {
         let minutes = elapsed / 60.0;
         let done = (report.step - self.from).max(1) as f64;
         let left = self.steps.saturating_sub(report.step) as f64 * minutes / done;
+        let waited = 100.0 * self.waited.as_secs_f64() / elapsed.max(1e-9);
         let rate = done * self.batch as f64 / elapsed.max(1e-9);
         self.bar.suspend(|| {
             // Without anybody to read it, training goes on all the same.
             let _ = output::line(format_args!(
-                "step {:>6}, epoch {:>3}, {minutes:.1} min, {left:.0} min left, {rate:.0} samples/s: \
-                 loss {:.4}{scores}",
+                "step {:>6}, epoch {:>3}, {minutes:.1} min, {left:.0} min left, {rate:.0} samples/s \
+                 ({waited:.1} % of the time waiting for them): loss {:.4}{scores}",
                 report.step, report.epoch, report.loss
             ));
         });
     }
 
+    fn waits(&mut self) {
+        self.waits_since = Instant::now();
+    }
+
     fn should_stop(&mut self) -> bool {
+        self.waited += self.waits_since.elapsed();
         self.stop.load(Ordering::Relaxed)
     }
 }

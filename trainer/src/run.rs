@@ -61,7 +61,10 @@ pub trait Observer {
     /// After each epoch, and in between as the configuration says.
     fn scored(&mut self, _report: &ScoreReport) {}
 
-    /// Asked before each step; the run then ends with a checkpoint.
+    /// Before the samples of a step are waited for.
+    fn waits(&mut self) {}
+
+    /// Asked before each step, its samples at hand; the run then ends with a checkpoint.
     fn should_stop(&mut self) -> bool {
         false
     }
@@ -196,7 +199,9 @@ impl Run<'_> {
                     }
                 }
             });
-            for (step, batch) in steps.zip(&prepared) {
+            for step in steps {
+                observer.waits();
+                let Ok(batch) = prepared.recv() else { break };
                 if observer.should_stop() {
                     return Ok(false);
                 }
