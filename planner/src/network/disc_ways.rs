@@ -19,6 +19,8 @@ const BUCKETS: usize = COSTS[2] as usize + 1;
 const UNREACHED: u16 = u16::MAX;
 /// Cells around that of a goal in which a way may end instead.
 const NEAR_GOAL_CELLS: isize = 2;
+/// Cells that a disc reaches to a side, at most: with more it would reach around the map's edge.
+const MAX_REACH_CELLS: isize = 2 * BORDER.cast_signed();
 /// Depth of the wall behind the vehicle, which cannot drive backwards, metres.
 const WALL_M: f64 = 1.2;
 
@@ -336,22 +338,17 @@ impl DiscWays {
 
 /// Offsets of the cells whose centres are within so many sides.
 fn around(cells: &Cells, reach: f64) -> Vec<isize> {
-    let mut offsets = Vec::new();
-    let most = {
-        let mut most = 0_isize;
-        while (most + 1) as f64 <= reach {
-            most += 1;
-        }
-        most
+    let is_near = |rows: isize, cols: isize| {
+        let distance = libm::hypot(rows as f64, cols as f64);
+        distance <= reach + 1e-9
     };
-    for rows in -most..=most {
-        for cols in -most..=most {
-            if libm::hypot(rows as f64, cols as f64) <= reach + 1e-9 {
-                offsets.push(cells.offset(rows, cols));
-            }
-        }
-    }
+    let most = (0..=MAX_REACH_CELLS).take_while(|&rows| is_near(rows, 0));
+    let most = most.last().unwrap_or(0);
+    let offsets = (-most..=most).flat_map(|rows| (-most..=most).map(move |cols| (rows, cols)));
     offsets
+        .filter(|&(rows, cols)| is_near(rows, cols))
+        .map(|(rows, cols)| cells.offset(rows, cols))
+        .collect()
 }
 
 #[cfg(test)]
