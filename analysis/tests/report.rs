@@ -175,6 +175,9 @@ fn many_other_numbers_of_targets_are_left_to_the_files() {
     assert_near(&rows, &expected);
 }
 
+/// How CSV writes the group of a whole evaluation.
+const NO_GROUP: &str = "\"\"";
+
 #[test]
 fn evaluations_of_the_same_add_up_once() {
     let directory = tempfile::tempdir().unwrap();
@@ -187,7 +190,18 @@ fn evaluations_of_the_same_add_up_once() {
         "iou_background",
         "miou",
     ];
-    let chosen = |predictor| numbers(&rows, &[("predictor", predictor)], columns);
+    let of = |predictor, group| {
+        numbers(
+            &rows,
+            &[("predictor", predictor), ("group", group)],
+            columns,
+        )
+    };
+    let chosen = |predictor| of(predictor, NO_GROUP);
+    assert_near(
+        &of("enet", "distance/10-20 m"),
+        &[[2.0, 10.0, 0.8, 0.9, 0.85]],
+    );
     assert_near(
         &chosen("enet"),
         &[[1.0, 10.0, 0.1, 0.9, 0.5], [2.0, 20.0, 0.8, 0.9, 0.85]],
@@ -198,6 +212,7 @@ fn evaluations_of_the_same_add_up_once() {
     );
     let marks: Vec<(&str, &str)> = rows
         .iter()
+        .filter(|row| row["group"] == NO_GROUP)
         .map(|row| (row["is_baseline"].as_str(), row["is_newest"].as_str()))
         .collect();
     assert_eq!(
@@ -318,7 +333,7 @@ fn every_plot_that_the_report_shows_is_there_and_is_svg() {
         .skip(1)
         .filter_map(|rest| rest.split(')').next())
         .collect();
-    assert_eq!(shown.len(), 9, "{shown:?}");
+    assert_eq!(shown.len(), 10, "{shown:?}");
     for plot in shown {
         let svg = fs::read_to_string(out_dir.join(plot)).unwrap();
         assert!(
@@ -471,6 +486,6 @@ fn progress_ends_at_the_end() {
     .unwrap();
     let (read_bytes, total_bytes, messages) = *seen.last().unwrap();
     assert_eq!(read_bytes, total_bytes);
-    assert_eq!(messages, 13 + 31 + 3 + 3 + 5 + 10 + 1);
+    assert_eq!(messages, 13 + 31 + 3 + 3 + 5 + 3 + 10 + 1);
     assert!(seen.is_sorted());
 }

@@ -265,6 +265,18 @@ pub(crate) fn run(writer: &mut Writer) {
         },
         evaluation("enet", 2, [50, 60, 90, 100]),
         evaluation("dilated reference", 0, [20, 80, 50, 100]),
+        Evaluation {
+            group: "scene/clutter".to_owned(),
+            ..evaluation("enet", 2, [31, 60, 90, 100])
+        },
+        Evaluation {
+            group: "distance/10-20 m".to_owned(),
+            ..evaluation("enet", 2, [32, 40, 90, 100])
+        },
+        Evaluation {
+            group: "distance/44 m on".to_owned(),
+            ..evaluation("enet", 2, [33, 60, 90, 100])
+        },
     ];
     for message in &evaluations {
         let log = after_ms(4000);
