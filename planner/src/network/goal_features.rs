@@ -7,9 +7,15 @@
 //! it deviate, and that of the shortest way of a disc around the obstacles (`disc_ways`), which says
 //! on which side to pass them.
 
+#![expect(
+    clippy::inline_always,
+    reason = "a loop must be compiled within the function that enables its instructions"
+)]
+
 use swath_bridge::Pose2;
 
 use super::disc_ways::DiscWays;
+use super::engine::kernel::{Isa, compiled_for};
 use super::graph::GOAL_FEATURES;
 use crate::dubins::shortest_path;
 
@@ -25,10 +31,18 @@ const VEHICLE_BELL_M: f32 = 4.0;
 const DRIVE_BELL_M: f32 = 1.5;
 /// Farthest distance from the open drive that is told, and its scale, metres.
 const DRIVE_REACH_M: f32 = 10.0;
+/// Where a bell is below 1e-12 it is 0: most pixels are far off, and exponentials take time.
+const MAX_EXPONENT: f32 = 28.0;
 /// Distance between two poses of the open drive, metres.
 const DRIVE_STEP_M: f64 = 1.0;
 /// An open drive of more poses winds so far around that the straight line says more.
 const MAX_DRIVE_POSES: usize = 200;
+
+/// Stations that are looked at together.
+const LANES: usize = 16;
+const NUMBERS: [u32; LANES] = [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15];
+/// Where there is no station, metres.
+const FAR_OFF_M: f32 = 1e15;
 
 /// Where the pixels lie whose features are wanted.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -39,6 +53,21 @@ pub(super) struct Pixels {
     pub(super) side_m: f64,
     /// Centre of the first pixel in the vehicle frame, metres.
     pub(super) first: (f64, f64),
+}
+
+impl Pixels {
+    /// Their centres, row by row.
+    #[expect(
+        clippy::cast_possible_truncation,
+        reason = "the network is of single precision"
+    )]
+    fn centres(&self) -> impl Iterator<Item = (f32, f32)> {
+        let (x_m, y_m) = self.first;
+        (0..self.rows).flat_map(move |row| {
+            let x = (x_m - row as f64 * self.side_m) as f32;
+            (0..self.cols).map(move |col| (x, (y_m - col as f64 * self.side_m) as f32))
+        })
+    }
 }
 
 /// A pose of the open drive or of a disc's way.
@@ -81,26 +110,30 @@ pub(super) fn write(
     radius_m: f64,
     features: &mut [f32],
 ) {
-    let drive = open_drive(goal, radius_m);
+    let drive = Course::new(open_drive(goal, radius_m));
     let way = ways.to(goal);
     let is_reached = f32::from(u8::from(way.is_some()));
-    let way = along(&way.unwrap_or_else(|| vec![(0.0, 0.0), (goal.x_m, goal.y_m)]));
+    let way = Course::new(along(
+        &way.unwrap_or_else(|| vec![(0.0, 0.0), (goal.x_m, goal.y_m)]),
+    ));
+    let places: Vec<(f32, f32)> = pixels.centres().collect();
+    let (mut driven, mut ways) = (Vec::new(), Vec::new());
+    compiled_for(Isa::detect(), || {
+        drive.nearest_to_each(&places, &mut driven);
+        way.nearest_to_each(&places, &mut ways);
+    });
     let (goal_x, goal_y) = (goal.x_m as f32, goal.y_m as f32);
     let (sin, cos) = libm::sincos(goal.yaw_rad);
     let (sin, cos) = (sin as f32, cos as f32);
     let reach = libm::hypotf(goal_x, goal_y).max(1.0);
-    let length = drive.len() as f32 * DRIVE_STEP_M as f32;
+    let length = drive.stations.len() as f32 * DRIVE_STEP_M as f32;
     let detour = (length / reach - 1.0).clamp(0.0, 3.0);
-    let way_length = way.len() as f32 * DRIVE_STEP_M as f32;
+    let way_length = way.stations.len() as f32 * DRIVE_STEP_M as f32;
     let way_detour = (way_length / reach - 1.0).clamp(0.0, 3.0);
-    for (index, to) in features.chunks_exact_mut(GOAL_FEATURES).enumerate() {
-        let (row, col) = (index / pixels.cols, index % pixels.cols);
-        let x = (pixels.first.0 - row as f64 * pixels.side_m) as f32;
-        let y = (pixels.first.1 - col as f64 * pixels.side_m) as f32;
+    let pixels = places.iter().zip(driven.iter().zip(&ways));
+    for (to, (&(x, y), (driven, way))) in features.chunks_exact_mut(GOAL_FEATURES).zip(pixels) {
         let (dx, dy) = (x - goal_x, y - goal_y);
         let squared = dx * dx + dy * dy;
-        let driven = nearest(&drive, x, y);
-        let way = nearest(&way, x, y);
         to.copy_from_slice(&[
             (dx * cos + dy * sin) / LENGTH_SCALE_M,
             (dy * cos - dx * sin) / WIDTH_SCALE_M,
@@ -190,27 +223,86 @@ struct Nearest {
     at_m: f32,
 }
 
-fn nearest(drive: &[Station], x: f32, y: f32) -> Nearest {
-    let mut best = (f32::INFINITY, 0);
-    for (index, station) in drive.iter().enumerate() {
-        let (dx, dy) = (x - station.x_m, y - station.y_m);
-        let squared = dx * dx + dy * dy;
-        if squared < best.0 {
-            best = (squared, index);
+/// Stations, and where they are, `LANES` at a time.
+struct Course {
+    stations: Vec<Station>,
+    places: Vec<([f32; LANES], [f32; LANES])>,
+}
+
+impl Course {
+    fn new(stations: Vec<Station>) -> Self {
+        let places = stations.chunks(LANES).map(|stations| {
+            let mut places = ([FAR_OFF_M; LANES], [FAR_OFF_M; LANES]);
+            for (lane, station) in stations.iter().enumerate() {
+                (places.0[lane], places.1[lane]) = (station.x_m, station.y_m);
+            }
+            places
+        });
+        Self {
+            places: places.collect(),
+            stations,
         }
     }
-    let station = drive[best.1];
-    let (dx, dy) = (x - station.x_m, y - station.y_m);
-    Nearest {
-        station,
-        squared: best.0,
-        across_m: dy * station.cos - dx * station.sin,
-        at_m: best.1 as f32,
+
+    /// The station that is nearest to each pixel, the first of several.
+    #[inline(always)]
+    fn nearest_to_each(&self, places: &[(f32, f32)], nearest: &mut Vec<Nearest>) {
+        nearest.clear();
+        for &(x, y) in places {
+            let mut least = [f32::INFINITY; LANES];
+            let mut at = [0_u32; LANES];
+            for (first, (xs, ys)) in (0..).step_by(LANES).zip(&self.places) {
+                for lane in 0..LANES {
+                    let (dx, dy) = (x - xs[lane], y - ys[lane]);
+                    let squared = dx * dx + dy * dy;
+                    let is_nearer = squared < least[lane];
+                    least[lane] = if is_nearer { squared } else { least[lane] };
+                    at[lane] = if is_nearer { first } else { at[lane] };
+                }
+            }
+            let squared = smallest(least, f32::min);
+            // Of several, the one whose number is the smallest.
+            let numbers = std::array::from_fn(|lane| {
+                let number = at[lane] + NUMBERS[lane];
+                if least[lane] == squared {
+                    number
+                } else {
+                    u32::MAX
+                }
+            });
+            let index = smallest(numbers, u32::min) as usize;
+            let station = self.stations[index];
+            let (dx, dy) = (x - station.x_m, y - station.y_m);
+            nearest.push(Nearest {
+                station,
+                squared,
+                across_m: dy * station.cos - dx * station.sin,
+                at_m: index as f32,
+            });
+        }
     }
 }
 
+/// The smallest of all lanes, in halves.
+#[inline(always)]
+fn smallest<T: Copy>(mut values: [T; LANES], smaller: impl Fn(T, T) -> T) -> T {
+    let mut width = LANES / 2;
+    while width > 0 {
+        for lane in 0..width {
+            values[lane] = smaller(values[lane], values[lane + width]);
+        }
+        width /= 2;
+    }
+    values[0]
+}
+
 fn bell(squared: f32, width_m: f32) -> f32 {
-    libm::expf(-squared / (2.0 * width_m * width_m))
+    let exponent = squared / (2.0 * width_m * width_m);
+    if exponent > MAX_EXPONENT {
+        0.0
+    } else {
+        libm::expf(-exponent)
+    }
 }
 
 #[cfg(test)]

@@ -30,18 +30,25 @@ impl Encoding {
     /// `logits`: rows × cols of [`Self::input_size`].
     pub fn region(&self, logits: &[f32]) -> Plane {
         let mut bits = BitWriter::with_capacity(self.cells());
-        compiled_for(Isa::detect(), || {
-            let mut lines = Lines::new(self, logits);
-            for row in 0..self.rows() {
-                for cells in lines.line(row).chunks(32) {
-                    bits.push(above_zero(cells), cells.len());
-                }
-            }
-        });
+        compiled_for(Isa::detect(), || self.each_above_zero(logits, &mut bits));
         let empty = || Plane::empty(self.spec.rows, self.spec.cols);
         let plane = Plane::from_packed(self.spec.rows, self.spec.cols, bits.into_bytes());
         debug_assert!(plane.is_ok(), "as many bits as cells were written");
         plane.unwrap_or_else(|_| empty())
+    }
+
+    #[inline(always)]
+    fn each_above_zero(&self, logits: &[f32], bits: &mut BitWriter) {
+        let mut lines = Lines::new(self, logits);
+        for row in 0..self.rows() {
+            let (whole, rest) = lines.line(row).as_chunks::<32>();
+            for cells in whole {
+                bits.push(above_zero(cells), 32);
+            }
+            if !rest.is_empty() {
+                bits.push(above_zero(rest), rest.len());
+            }
+        }
     }
 
     /// The gradient at the logits, given that at the cells: the transpose of [`Self::decode`].

@@ -258,8 +258,10 @@ impl Network {
         if shares_map {
             let planes = self.inference.planes(&mut map);
             encoding.encode_planes(surroundings, None, planes)?;
-            self.inference.see_map(&mut map);
-            encoding.survey(surroundings, &mut ways);
+            rayon::join(
+                || self.inference.see_map(&mut map),
+                || encoding.survey(surroundings, &mut ways),
+            );
         }
         let alone = goals.len() == 1;
         let predictions = goals.par_iter().map(|goal| {
