@@ -86,6 +86,16 @@ pub enum Error {
         /// What was found and what was expected.
         what: String,
     },
+    /// A setting of the smoother is out of range.
+    #[error("smoother: {field} is {value}, expected more than 0 and at most {most}")]
+    SmoothConfig {
+        /// The setting.
+        field: &'static str,
+        /// Its value.
+        value: f64,
+        /// The largest that is allowed.
+        most: f64,
+    },
     /// Error of the bridge.
     #[error(transparent)]
     Bridge(#[from] swath_bridge::Error),

@@ -2,6 +2,7 @@
 //! and the planner node.
 
 mod action;
+pub mod check;
 mod collision;
 pub mod dubins;
 mod error;
@@ -10,10 +11,12 @@ mod kernel;
 mod motion;
 pub mod network;
 pub mod node;
+mod path_point;
 mod plan;
 mod plane;
 pub mod report;
 pub mod search;
+pub mod smooth;
 mod targets;
 mod timing;
 
@@ -22,6 +25,7 @@ pub use collision::CollisionMap;
 pub use error::Error;
 pub use frame::{FrameInput, FramePlan, FramePlanner, ObstacleConfig};
 pub use motion::{MotionModel, Successors, max_curvature_per_m};
+pub use path_point::PathPoint;
 pub use plan::{Method, PlanConfig, Planner, TargetPlan};
 pub use plane::Plane;
 pub use report::plan_report;

@@ -5,8 +5,10 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 use swath_bridge::{Cell, GridSpec, Outcome, Pose2, Vehicle, goals, pgm};
+use swath_planner::check::{CheckLimits, Ends, check_path};
 use swath_planner::search::TargetResult;
-use swath_planner::{CollisionMap, MotionModel, PlanConfig, Plane, Planner};
+use swath_planner::smooth::{ObstacleCells, SmoothConfig, SmoothRequest, Smoother};
+use swath_planner::{CollisionMap, MotionModel, PlanConfig, Plane, Planner, TargetPlan};
 
 const NAMES: [&str; 6] = [
     "s_road",
@@ -135,6 +137,38 @@ impl Checker {
     }
 }
 
+/// Smooths the paths of one problem; how many can be driven. Those that can must pass the checker.
+fn drive(what: &str, obstacles: &Plane, plans: &[&TargetPlan], config: &PlanConfig) -> usize {
+    let (spec, vehicle) = (GridSpec::default(), Vehicle::default());
+    let cells = ObstacleCells::new(spec, obstacles).expect("the map is of the default size");
+    let smoother = Smoother::new(&vehicle, SmoothConfig::default());
+    let mut smoother = smoother.expect("the defaults are in range");
+    let limit_per_m = smoother.curvature_limit_per_m(config.speed_m_per_s);
+    let mut drivable = 0;
+    for plan in plans {
+        let request = SmoothRequest {
+            chords: &plan.result.path,
+            goal: plan.goal,
+            speed_m_per_s: config.speed_m_per_s,
+            start_curvature_per_m: Some(0.0),
+        };
+        let path = smoother.smooth(&cells, &request);
+        if !path.is_drivable() {
+            continue;
+        }
+        drivable += 1;
+        let ends = Ends {
+            start: Pose2::default(),
+            start_curvature_per_m: Some(0.0),
+            goal: plan.goal,
+        };
+        let limits = CheckLimits::new(&vehicle, limit_per_m);
+        let found = check_path((&spec, obstacles), &limits, &ends, &path.points);
+        assert!(found.is_empty(), "{what} {:?}: {found:?}", plan.goal);
+    }
+    drivable
+}
+
 #[test]
 fn the_checker_sees_what_stands_inside_beside_and_before_the_vehicle() {
     let spec = GridSpec::default();
@@ -180,6 +214,7 @@ fn every_path_on_the_problems_passes_the_checker() {
         max_expansions: MAX_EXPANSIONS,
         ..PlanConfig::default()
     };
+    let (mut paths, mut drivable) = (0, 0);
     for name in NAMES {
         let occupancy = pgm::read_map(&problems.join(format!("{name}.pgm")), &spec);
         let occupancy = occupancy.expect("the map can be read");
@@ -202,6 +237,8 @@ fn every_path_on_the_problems_passes_the_checker() {
             .filter(|plan| plan.result.outcome == Outcome::Solved)
             .collect();
         assert!(solved.len() >= 5, "{name}: {} solved", solved.len());
+        paths += solved.len();
+        drivable += drive(name, &checker.obstacles, &solved, &config);
         let region = |path: &[Pose2]| {
             let mut region = Plane::empty(spec.rows, spec.cols);
             region.draw_line(&spec, path, 1.4);
@@ -226,4 +263,8 @@ fn every_path_on_the_problems_passes_the_checker() {
             assert!(guided.result.cost >= plain.result.cost - 1e-3);
         }
     }
+    assert!(
+        drivable as f64 >= 0.98 * paths as f64,
+        "{drivable} of {paths} can be driven"
+    );
 }

@@ -1,0 +1,456 @@
+//! Chord paths made drivable: continuous heading and curvature within the limits of the vehicle.
+//!
+//! The search's paths turn on the spot at the joints of their chords. Here the rate at which the
+//! curvature changes is optimised step by step, so that whatever is looked at can be driven: first a
+//! path that follows the chords as a driver would, then differential dynamic programming that bends it
+//! away from obstacles, into the goal's tolerance and straight where it can be. The result is tested
+//! for contact without gaps; what does not pass is tried again nearer to the chords, and is flagged at
+//! last. What is flagged hits nothing either, unless the chords do.
+
+mod clothoid;
+mod cost;
+mod footprint;
+mod obstacles;
+mod optimise;
+mod reference;
+mod verify;
+
+use serde::{Deserialize, Serialize};
+use swath_bridge::geometry::wrap_angle_rad;
+use swath_bridge::{Pose2, Vehicle};
+
+use crate::Error;
+use crate::motion::max_curvature_per_m;
+use crate::path_point::PathPoint;
+use crate::search::{GOAL_TOLERANCE_M, GOAL_TOLERANCE_RAD};
+
+pub use obstacles::ObstacleCells;
+
+use clothoid::State;
+use cost::{Cost, Nearby, Weights};
+use footprint::Footprint;
+use optimise::{Limits, Optimiser, Trajectory};
+use reference::{Guess, Reference};
+
+/// Farthest that two points of a path lie apart, metres.
+pub const POINT_SPACING_M: f64 = 0.2;
+/// Longest path that is smoothed, in steps of [`POINT_SPACING_M`].
+pub const MAX_STEPS: usize = 8192;
+/// Widest gap that may be preferred, metres.
+const MAX_PREFERRED_GAP_M: f64 = 2.0;
+/// The goal's tolerance is kept with this to spare, metres and radians, for whoever rounds.
+const GOAL_SLACK: f64 = 1e-6;
+/// States stay so far from the map's edge that the path between two of them stays on it, metres.
+const MAP_MARGIN_M: f64 = 0.005;
+
+/// Gap below which nearness counts as contact while a path is improved, metres.
+const NEEDED_GAP_M: f64 = 0.03;
+/// Contact and a missed goal weigh so much at first, and more in each further round.
+const FIRST_CONTACT: f64 = 100.0;
+const MOST_CONTACT: f64 = 1e5;
+const URGENCY_GROWTH: f64 = 10.0;
+/// Iterations after which the cells near the path are looked at again.
+const ITERATIONS_A_GATHERING: usize = 3;
+/// Iterations after which contact weighs more.
+const ITERATIONS_A_ROUND: usize = 15;
+/// What is tried for want of a path within the vehicle's limits: so many times its curvature and rate.
+const RELAXED_CURVATURE: f64 = 2.0;
+const RELAXED_RATE: f64 = 4.0;
+
+/// How one attempt weighs things.
+#[derive(Debug, Clone, Copy)]
+struct Attempt {
+    stray: f64,
+    /// Share of the gap that is preferred.
+    gap_share: f64,
+}
+
+/// First with room to shorten and straighten, then close to the chords.
+const ATTEMPTS: [Attempt; 2] = [
+    Attempt {
+        stray: 0.02,
+        gap_share: 1.0,
+    },
+    Attempt {
+        stray: 1.0,
+        gap_share: 0.4,
+    },
+];
+
+/// How paths are smoothed.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct SmoothConfig {
+    /// Most that the curvature may change along the path, 1/m².
+    pub max_curvature_rate_per_m2: f64,
+    /// Gap to obstacles that is preferred, metres; less is taken where it must be.
+    pub preferred_gap_m: f64,
+    /// Most iterations for one attempt.
+    pub max_iterations: usize,
+}
+
+impl Default for SmoothConfig {
+    fn default() -> Self {
+        Self {
+            max_curvature_rate_per_m2: 0.3,
+            preferred_gap_m: 0.25,
+            max_iterations: 60,
+        }
+    }
+}
+
+/// A chord path to smooth.
+#[derive(Debug, Clone, Copy)]
+pub struct SmoothRequest<'a> {
+    /// The path that a search found.
+    pub chords: &'a [Pose2],
+    /// What it leads to.
+    pub goal: Pose2,
+    /// The vehicle's speed, m/s; it limits the curvature.
+    pub speed_m_per_s: f64,
+    /// Curvature that the vehicle drives at the start, 1/m, which is clamped to the limit; `None` if
+    /// it may begin with any, as one that stands.
+    pub start_curvature_per_m: Option<f64>,
+}
+
+/// How far a path can be driven as it is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Drivability {
+    /// By the vehicle at its speed.
+    AtSpeed,
+    /// By the vehicle, but more slowly: it bends more than the speed allows.
+    Slower,
+    /// By no such vehicle: it is continuous and hits nothing, but bends more than the vehicle can.
+    TooTight,
+    /// Not at all: these are the chords, which turn on the spot.
+    TurnsOnTheSpot,
+}
+
+/// What the last attempt within the limits lacked.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Shortfall {
+    /// It comes too near to an obstacle.
+    Contact,
+    /// It misses the goal's tolerance.
+    Goal,
+    /// It leaves the map.
+    OffMap,
+    /// There was nothing to smooth: no length, too much of it, or numbers that are not finite.
+    Input,
+}
+
+/// A smoothed path.
+#[derive(Debug, Clone, PartialEq)]
+pub struct DrivablePath {
+    /// At most [`POINT_SPACING_M`] apart.
+    pub points: Vec<PathPoint>,
+    /// Whether it can be driven.
+    pub drivability: Drivability,
+    /// Why not [`Drivability::AtSpeed`].
+    pub shortfall: Option<Shortfall>,
+    /// Iterations of all attempts.
+    pub iterations: usize,
+}
+
+impl DrivablePath {
+    /// Whether the vehicle can drive it at its speed.
+    pub fn is_drivable(&self) -> bool {
+        self.drivability == Drivability::AtSpeed
+    }
+
+    /// Its length, metres.
+    pub fn length_m(&self) -> f64 {
+        self.points.last().map_or(0.0, |point| point.at_m)
+    }
+
+    /// Its largest curvature, 1/m.
+    pub fn max_curvature_per_m(&self) -> f64 {
+        let curvatures = self.points.iter().map(|point| point.curvature_per_m.abs());
+        curvatures.fold(0.0, f64::max)
+    }
+}
+
+/// Smooths the paths of one vehicle; keeps its memory from path to path.
+#[derive(Debug)]
+pub struct Smoother {
+    vehicle: Vehicle,
+    config: SmoothConfig,
+    reference: Reference,
+    guess: Guess,
+    nearby: Nearby,
+    optimiser: Optimiser,
+    path: Trajectory,
+    near: Vec<(f64, f64)>,
+}
+
+impl Smoother {
+    /// A smoother for a vehicle.
+    ///
+    /// # Errors
+    /// [`Error::Bridge`] for dimensions that are no vehicle's, [`Error::SmoothConfig`] for settings
+    /// that are out of range.
+    pub fn new(vehicle: &Vehicle, config: SmoothConfig) -> Result<Self, Error> {
+        vehicle.validate()?;
+        for (field, value, most) in [
+            (
+                "max_curvature_rate_per_m2",
+                config.max_curvature_rate_per_m2,
+                100.0,
+            ),
+            (
+                "preferred_gap_m",
+                config.preferred_gap_m,
+                MAX_PREFERRED_GAP_M,
+            ),
+        ] {
+            if !(value > 0.0 && value <= most) {
+                return Err(Error::SmoothConfig { field, value, most });
+            }
+        }
+        Ok(Self {
+            vehicle: *vehicle,
+            config,
+            reference: Reference::default(),
+            guess: Guess::default(),
+            nearby: Nearby::default(),
+            optimiser: Optimiser::default(),
+            path: Trajectory::default(),
+            near: Vec::new(),
+        })
+    }
+
+    /// The curvature that the vehicle's paths keep to at a speed, 1/m.
+    pub fn curvature_limit_per_m(&self, speed_m_per_s: f64) -> f64 {
+        max_curvature_per_m(speed_m_per_s).min(1.0 / self.vehicle.min_turning_radius_m)
+    }
+
+    /// Makes a chord path drivable.
+    pub fn smooth(&mut self, cells: &ObstacleCells, request: &SmoothRequest<'_>) -> DrivablePath {
+        let is_finite = request.chords.iter().all(Pose2::is_finite)
+            && request.goal.is_finite()
+            && request.start_curvature_per_m.is_none_or(f64::is_finite);
+        if !is_finite
+            || !self
+                .reference
+                .fit(request.chords, POINT_SPACING_M, MAX_STEPS)
+        {
+            return as_chords(request.chords, Shortfall::Input, 0);
+        }
+        let at_speed = self.curvature_limit_per_m(request.speed_m_per_s);
+        let at_most = 1.0 / self.vehicle.min_turning_radius_m;
+        let rate_per_m2 = self.config.max_curvature_rate_per_m2;
+        let mut iterations = 0;
+        let mut shortfall = Shortfall::Contact;
+        for (curvature_per_m, rate_per_m2, drivability) in [
+            (at_speed, rate_per_m2, Drivability::AtSpeed),
+            (at_most, rate_per_m2, Drivability::Slower),
+            (
+                RELAXED_CURVATURE * at_most,
+                RELAXED_RATE * rate_per_m2,
+                Drivability::TooTight,
+            ),
+        ] {
+            if drivability == Drivability::Slower && at_speed >= at_most {
+                continue;
+            }
+            let limits = Limits {
+                curvature_per_m,
+                rate_per_m2,
+                start_is_free: request.start_curvature_per_m.is_none(),
+            };
+            match self.attempt_all(cells, request, &limits, &mut iterations) {
+                Ok(()) => {
+                    return DrivablePath {
+                        points: self.points(),
+                        drivability,
+                        shortfall: (drivability != Drivability::AtSpeed).then_some(shortfall),
+                        iterations,
+                    };
+                }
+                Err(reason) if drivability == Drivability::AtSpeed => shortfall = reason,
+                Err(_) => {}
+            }
+        }
+        as_chords(request.chords, shortfall, iterations)
+    }
+
+    fn attempt_all(
+        &mut self,
+        cells: &ObstacleCells,
+        request: &SmoothRequest<'_>,
+        limits: &Limits,
+        iterations: &mut usize,
+    ) -> Result<(), Shortfall> {
+        let mut result = Err(Shortfall::Contact);
+        for attempt in ATTEMPTS {
+            result = self.attempt(cells, request, (limits, attempt), iterations);
+            if result.is_ok() {
+                break;
+            }
+        }
+        result
+    }
+
+    fn attempt(
+        &mut self,
+        cells: &ObstacleCells,
+        request: &SmoothRequest<'_>,
+        (limits, attempt): (&Limits, Attempt),
+        iterations: &mut usize,
+    ) -> Result<(), Shortfall> {
+        let footprint = Footprint::new(&self.vehicle, cells.spec().resolution_m);
+        self.set_out(request, limits);
+        let mut weights = Weights {
+            bend: 1.0,
+            steer: 1.0,
+            stray: attempt.stray,
+            length: 0.05,
+            near: 1.0,
+            preferred_gap_m: attempt.gap_share * self.config.preferred_gap_m,
+            contact: FIRST_CONTACT,
+            needed_gap_m: NEEDED_GAP_M,
+            goal: FIRST_CONTACT,
+            off_goal: 0.2,
+        };
+        self.optimiser.restart();
+        let mut used = 0;
+        let mut result = Err(Shortfall::Contact);
+        let mut in_round = 0;
+        let mut anew = true;
+        while used < self.config.max_iterations {
+            // The cells near a path are gathered again when it has moved away from them.
+            self.nearby.update(
+                cells,
+                &footprint,
+                &self.path.states,
+                (weights.preferred_gap_m, anew),
+            );
+            anew = false;
+            let cost = Cost {
+                weights,
+                footprint: &footprint,
+                places: &self.reference.places,
+                place_of: &self.guess.places,
+                nearby: &self.nearby,
+                goal: request.goal,
+                step_m: self.reference.step_m,
+            };
+            let progress =
+                self.optimiser
+                    .improve(&cost, limits, &mut self.path, ITERATIONS_A_GATHERING);
+            used += progress.iterations;
+            in_round += progress.iterations;
+            if !(progress.is_settled || progress.is_finished || in_round >= ITERATIONS_A_ROUND) {
+                continue;
+            }
+            result = self.check(cells, &footprint, &request.goal);
+            if result.is_ok() {
+                break;
+            }
+            if progress.is_finished || in_round >= ITERATIONS_A_ROUND {
+                if weights.contact >= MOST_CONTACT {
+                    break;
+                }
+                weights.contact *= URGENCY_GROWTH;
+                weights.goal *= URGENCY_GROWTH;
+                in_round = 0;
+                self.optimiser.restart();
+            }
+        }
+        *iterations += used;
+        result
+    }
+
+    /// The path to start from: the chords as a driver would follow them.
+    fn set_out(&mut self, request: &SmoothRequest<'_>, limits: &Limits) {
+        let first = request.chords[0];
+        let start = State {
+            x_m: first.x_m,
+            y_m: first.y_m,
+            yaw_rad: first.yaw_rad,
+            curvature_per_m: request
+                .start_curvature_per_m
+                .unwrap_or(0.0)
+                .clamp(-limits.curvature_per_m, limits.curvature_per_m),
+        };
+        let bounds = (limits.curvature_per_m, limits.rate_per_m2);
+        self.reference.follow(start, bounds, &mut self.guess);
+        self.path.states.clone_from(&self.guess.states);
+        self.path.rates_per_m2.clone_from(&self.guess.rates_per_m2);
+        self.path.step_m = self.reference.step_m;
+    }
+
+    /// Whether the path is free, on the map, and ends in the goal's tolerance.
+    fn check(
+        &mut self,
+        cells: &ObstacleCells,
+        footprint: &Footprint,
+        goal: &Pose2,
+    ) -> Result<(), Shortfall> {
+        let path = &self.path;
+        let Some(last) = path.states.last() else {
+            return Err(Shortfall::Input);
+        };
+        let off_m = libm::hypot(last.x_m - goal.x_m, last.y_m - goal.y_m);
+        let off_rad = wrap_angle_rad(last.yaw_rad - goal.yaw_rad).abs();
+        if !(off_m <= GOAL_TOLERANCE_M - GOAL_SLACK && off_rad <= GOAL_TOLERANCE_RAD - GOAL_SLACK) {
+            return Err(Shortfall::Goal);
+        }
+        let is_on_map = |state: &State| cells.holds((state.x_m, state.y_m), MAP_MARGIN_M);
+        if !path.states.iter().all(is_on_map) {
+            return Err(Shortfall::OffMap);
+        }
+        let driven = (path.states.as_slice(), path.rates_per_m2.as_slice());
+        let contact = verify::first_contact(cells, footprint, driven, path.step_m, &mut self.near);
+        contact.map_or(Ok(()), |_| Err(Shortfall::Contact))
+    }
+
+    /// The path's points; where steps are longer than points may lie apart, with points between.
+    fn points(&self) -> Vec<PathPoint> {
+        let path = &self.path;
+        let halves = path.step_m > POINT_SPACING_M;
+        let point = |state: &State, at_m: f64| PathPoint {
+            pose: state.pose(),
+            curvature_per_m: state.curvature_per_m,
+            at_m,
+        };
+        let mut points = Vec::with_capacity(path.states.len() * (1 + usize::from(halves)));
+        let mut index = 0.0;
+        for (step, state) in path.states.iter().enumerate() {
+            points.push(point(state, index * path.step_m));
+            if let Some(&rate) = path.rates_per_m2.get(step).filter(|_| halves) {
+                let middle = state.after(0.5 * path.step_m, rate);
+                points.push(point(&middle, (index + 0.5) * path.step_m));
+            }
+            index += 1.0;
+        }
+        points
+    }
+}
+
+/// The chords as they are, for want of better.
+fn as_chords(chords: &[Pose2], shortfall: Shortfall, iterations: usize) -> DrivablePath {
+    let mut at_m = 0.0;
+    let mut last: Option<&Pose2> = None;
+    let mut points = Vec::with_capacity(chords.len());
+    for pose in chords {
+        at_m += last.map_or(0.0, |last| last.distance_m(pose));
+        last = Some(pose);
+        points.push(PathPoint {
+            pose: *pose,
+            curvature_per_m: 0.0,
+            at_m,
+        });
+    }
+    DrivablePath {
+        points,
+        drivability: Drivability::TurnsOnTheSpot,
+        shortfall: Some(shortfall),
+        iterations,
+    }
+}
+
+#[cfg(test)]
+mod tests;

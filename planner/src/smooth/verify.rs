@@ -1,0 +1,77 @@
+//! Whether a path of clothoids hits nothing, without gaps between tested poses.
+
+use super::clothoid::State;
+use super::footprint::Footprint;
+use super::obstacles::ObstacleCells;
+
+/// Least gap that is kept everywhere, metres. It is also what makes the steps below finite.
+pub(super) const LEAST_GAP_M: f64 = 1e-3;
+/// Longest piece of path over which one gap is trusted, metres.
+const LONGEST_M: f64 = 0.1;
+
+/// Where a path first comes nearer than the least gap.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Contact {
+    /// Number of the step.
+    pub(super) step: usize,
+    /// The gap there, metres; negative for an overlap.
+    pub(super) gap_m: f64,
+}
+
+/// Tests a path for contact.
+///
+/// No point of the rectangle moves farther than (1 + |curvature| · reach) times the length driven, so
+/// a gap holds for a piece of path, and the next pose to test follows from it: nothing between two
+/// tested poses goes unseen.
+pub(super) fn first_contact(
+    cells: &ObstacleCells,
+    footprint: &Footprint,
+    (states, rates): (&[State], &[f64]),
+    length_m: f64,
+    near: &mut Vec<(f64, f64)>,
+) -> Option<Contact> {
+    let start = states.first()?;
+    let placed = footprint.placed(&start.pose());
+    if !cells.is_clear(&placed, LEAST_GAP_M) {
+        return Some(Contact {
+            step: 0,
+            gap_m: 0.0,
+        });
+    }
+    for (step, (state, &rate)) in states.iter().zip(rates).enumerate() {
+        let bend = state
+            .curvature_per_m
+            .abs()
+            .max((state.curvature_per_m + rate * length_m).abs());
+        let speed = 1.0 + bend * footprint.reach_m;
+        let placed = footprint.placed(&state.pose());
+        near.clear();
+        let mut gap_m = f64::INFINITY;
+        cells.each_near(&placed, length_m * speed + LEAST_GAP_M, |centre| {
+            gap_m = gap_m.min(placed.gap_m(centre));
+            near.push(centre);
+        });
+        let mut at_m = 0.0;
+        while gap_m.is_finite() {
+            if gap_m < LEAST_GAP_M {
+                return Some(Contact { step, gap_m });
+            }
+            at_m += (gap_m / speed).min(LONGEST_M);
+            if at_m >= length_m {
+                break;
+            }
+            let pose = state.after(at_m, rate).pose();
+            let placed = footprint.placed(&pose);
+            gap_m = near
+                .iter()
+                .map(|&centre| placed.gap_m(centre))
+                .fold(f64::INFINITY, f64::min);
+        }
+    }
+    let last = states.last()?;
+    let placed = footprint.placed(&last.pose());
+    (!cells.is_clear(&placed, LEAST_GAP_M)).then_some(Contact {
+        step: rates.len(),
+        gap_m: 0.0,
+    })
+}
