@@ -15,7 +15,7 @@ use swath_bridge::{Cell, GridSpec, Pose2};
 
 use crate::action::{ACTIONS, DIRECTIONS, REACH_CELLS};
 use crate::kernel::Kernel;
-use crate::motion::MotionModel;
+use crate::motion::{MotionModel, SECTORS};
 use crate::{Error, Plane};
 
 use runs::Runs;
@@ -126,6 +126,47 @@ impl CollisionMap {
                 self.runs.dilate(kernel, first_row, bits);
             }
         })
+    }
+
+    /// Sets for each cell, with a border around the map, the sectors in which straight drives may pass:
+    /// bit `i` is for headings from the shortest step `i` to the next one. More may be set than are
+    /// free, never fewer. False if `stop` ended it.
+    pub(crate) fn passable_sectors(
+        &self,
+        sectors: &mut [u16],
+        border: usize,
+        stop: &dyn Fn() -> bool,
+    ) -> bool {
+        let cols = self.spec.cols as usize;
+        let row_words = self.runs.row_words();
+        let parts = &self.model.corridors.parts;
+        let mut free = vec![0u64; self.spec.rows as usize * row_words];
+        let mut blocked = free.clone();
+        for sector in 0..SECTORS {
+            // A vehicle that no part is known of may pass anywhere.
+            free.fill(if parts.is_empty() { u64::MAX } else { 0 });
+            for (_, kernel) in parts.iter().filter(|(of, _)| *of == sector) {
+                blocked.fill(0);
+                self.runs.dilate(kernel, 0, &mut blocked);
+                for (free, blocked) in free.iter_mut().zip(&blocked) {
+                    *free |= !blocked;
+                }
+                if stop() {
+                    return false;
+                }
+            }
+            let rows = free
+                .chunks(row_words)
+                .zip(sectors.chunks_mut(cols + 2 * border).skip(border));
+            for (free, of_row) in rows {
+                for (word, cells) in free.iter().zip(of_row[border..][..cols].chunks_mut(WORD)) {
+                    for (bit, cell) in cells.iter_mut().enumerate() {
+                        *cell |= u16::from(word >> bit & 1 != 0) << sector;
+                    }
+                }
+            }
+        }
+        true
     }
 
     fn fill_chord(&self, action: usize, first_row: usize, bits: &mut [u64]) {

@@ -26,6 +26,20 @@ pub enum Error {
         /// Columns that were claimed.
         cols: u32,
     },
+    /// A bound on costs that no search can keep.
+    #[error("epsilon is {epsilon}, expected 1 to 64")]
+    Epsilon {
+        /// The bound that was asked for.
+        epsilon: f64,
+    },
+    /// An order of targets names one that is not there.
+    #[error("the order of targets names number {number} of {goals}")]
+    Order {
+        /// Number in the order, counted from 0.
+        number: usize,
+        /// Targets that there are.
+        goals: usize,
+    },
     /// Cells are too small for the vehicle, or not positive.
     #[error(
         "a vehicle that reaches {vehicle_m:.2} m on cells of {resolution_m} m: expected at most 400 cells"

@@ -80,6 +80,23 @@ impl Kernel {
         Self { spans: merged }
     }
 
+    /// The cells that both of two convex motions touch.
+    pub(crate) fn intersection(&self, other: &Self) -> Self {
+        let both = |span: &Span| {
+            let same_row = other.spans.iter().find(|with| with.d_row == span.d_row)?;
+            let first_col = span.first_col.max(same_row.first_col);
+            let last_col = span.last_col.min(same_row.last_col);
+            (first_col <= last_col).then_some(Span {
+                d_row: span.d_row,
+                first_col,
+                last_col,
+            })
+        };
+        Self {
+            spans: self.spans.iter().filter_map(both).collect(),
+        }
+    }
+
     /// Farthest row or column from the start cell.
     pub(crate) fn reach_cells(&self) -> i32 {
         let farthest = |span: &Span| {

@@ -26,7 +26,7 @@ pub use error::Error;
 pub use frame::{FrameInput, FramePlan, FramePlanner, ObstacleConfig};
 pub use motion::{MotionModel, Successors, max_curvature_per_m};
 pub use path_point::PathPoint;
-pub use plan::{Method, PlanConfig, Planner, TargetPlan};
+pub use plan::{Method, PlanConfig, Planner, TargetOrder, TargetPlan};
 pub use plane::Plane;
 pub use report::plan_report;
 pub use targets::{MAX_TARGETS, TargetConfig, sample_targets};

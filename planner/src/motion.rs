@@ -1,6 +1,7 @@
 //! How the vehicle moves over cells: the lookup table with the cells that each motion sweeps, and
 //! which turns its speed allows.
 
+mod corridors;
 mod successors;
 
 use std::f64::consts::{PI, TAU};
@@ -11,6 +12,7 @@ use crate::Error;
 use crate::action::{Action, ActionTable};
 use crate::kernel::Kernel;
 
+pub(crate) use corridors::{Corridors, SECTORS};
 pub use successors::Successors;
 pub(crate) use successors::{Fan, Preceding};
 
@@ -43,6 +45,8 @@ pub struct MotionModel {
     pub(crate) chords: Vec<Kernel>,
     /// Cells swept by turning on the spot from each direction to the next one counter-clockwise.
     pub(crate) turns: Vec<Kernel>,
+    /// What straight drives leave free beside them.
+    pub(crate) corridors: Corridors,
     /// Farthest row or column that any of these touches, cells from its start.
     pub(crate) reach_cells: usize,
 }
@@ -90,6 +94,7 @@ impl MotionModel {
             poses,
             chords,
             turns,
+            corridors: Corridors::new(vehicle, resolution_m, &table),
             vehicle: *vehicle,
             resolution_m,
             table,
@@ -103,6 +108,7 @@ impl MotionModel {
             poses: Vec::new(),
             chords: Vec::new(),
             turns: Vec::new(),
+            corridors: Corridors::default(),
             reach_cells: 0,
             table: ActionTable::new(),
             vehicle: *vehicle,

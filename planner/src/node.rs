@@ -286,12 +286,13 @@ impl Node {
             Method::Tiev
         });
         let network = self.network.clone().filter(|_| method.needs_regions());
-        let method = if network.is_some() {
+        let method = if network.is_some() || !method.needs_regions() {
             method
         } else {
             Method::Tiev
         };
         let mut plan_config = self.config.plan;
+        plan_config.method = method;
         plan_config.speed_m_per_s = self.speed_m_per_s;
         let obstacles = self.config.obstacles.obstacles(&occupancy);
         let goals = if self.targets.is_empty() {

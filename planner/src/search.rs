@@ -1,4 +1,5 @@
-//! Best-first search over (row, column, direction): `tiev` and `tiev-fcn`.
+//! Best-first search over (row, column, direction): `tiev` and `tiev-fcn`; `weighted` and `swath`, whose
+//! costs are within a factor of the optimum, are in modules of their own.
 //!
 //! A state is a cell's centre and one of the 256 directions, that of the last action; the vehicle
 //! starts on the ego cell heading straight ahead. An action may follow if its direction is within the
@@ -19,10 +20,16 @@
 
 mod backward;
 mod bound;
+mod distance;
 mod goal;
 mod memory;
 mod open;
 mod path;
+mod swath;
+mod target;
+mod tree;
+mod trunk;
+mod weighted;
 
 use swath_bridge::{Outcome, Pose2};
 
@@ -34,6 +41,8 @@ use crate::{Error, Plane};
 pub use bound::Bound;
 pub use goal::{GOAL_TOLERANCE_M, GOAL_TOLERANCE_RAD};
 pub use memory::SearchMemory;
+pub use swath::{Frame, FrameMemory, Rules};
+pub use weighted::{WeightedMemory, search_weighted};
 
 use backward::Finding;
 use bound::{Aim, TurnBound};
@@ -46,6 +55,8 @@ const PROOF_AFTER_STEPS: u64 = 8_000;
 const MAX_PROOF_STATES: usize = 20_000;
 /// How often a search asks whether it should stop, in expansions.
 const STOP_INTERVAL: u64 = 256;
+/// The same where deadlines are kept closely.
+const SHORT_STOP_INTERVAL: u64 = 64;
 
 /// What a search may spend.
 #[derive(Clone, Copy, Default)]
@@ -54,6 +65,26 @@ pub struct Limits<'a> {
     pub max_expansions: Option<u64>,
     /// Asked every few hundred expansions: the reason to stop, if there is one.
     pub stop: Option<&'a (dyn Fn() -> Option<Outcome> + Sync)>,
+}
+
+impl Limits<'_> {
+    /// The reason to stop after so many expansions, if there is one; the caller's is asked for now and
+    /// then only.
+    fn reached(&self, steps: u64) -> Option<Outcome> {
+        if self.max_expansions.is_some_and(|most| steps >= most) {
+            return Some(Outcome::BudgetExhausted);
+        }
+        if steps % SHORT_STOP_INTERVAL == 1 {
+            self.asked()
+        } else {
+            None
+        }
+    }
+
+    /// The caller's reason to stop.
+    fn asked(&self) -> Option<Outcome> {
+        self.stop.and_then(|ask| ask())
+    }
 }
 
 impl std::fmt::Debug for Limits<'_> {
@@ -172,6 +203,14 @@ fn check_region(map: &CollisionMap, region: Option<WeightedRegion<'_>>) -> Resul
         });
     }
     Ok(())
+}
+
+fn check_epsilon(epsilon: f64) -> Result<(), Error> {
+    if (1.0..=tree::MAX_EPSILON).contains(&epsilon) {
+        Ok(())
+    } else {
+        Err(Error::Epsilon { epsilon })
+    }
 }
 
 /// Where an action leads from any cell.

@@ -123,6 +123,7 @@ impl Bench {
         };
         let network = self.network.as_ref().filter(|_| method.needs_regions());
         let plan = PlanConfig {
+            method,
             speed_m_per_s: frame.speed_m_per_s,
             ..self.plan
         };

@@ -25,6 +25,11 @@ pub struct Successors {
     first_actions: Vec<u16>,
     /// By action.
     preceding: Vec<Preceding>,
+    /// By action, and within it by side.
+    arrivals: Vec<[Range<usize>; 2]>,
+    /// Costs of arriving by an action, by the number of directions that the heading before it lies to
+    /// a side; `u32::MAX` where the action may not follow.
+    arrival_costs: Vec<u32>,
 }
 
 /// The headings that an action may follow.
@@ -121,6 +126,8 @@ impl Successors {
             sweeps: Vec::new(),
             first_actions: (0..=DIRECTIONS).map(first_action).collect(),
             preceding: vec![Preceding::default(); ACTIONS],
+            arrivals: Vec::with_capacity(ACTIONS),
+            arrival_costs: Vec::new(),
         };
         let by_length = |a: &&Action, b: &&Action| a.length_cells.total_cmp(&b.length_cells);
         if let Some(longest) = actions.iter().max_by(by_length) {
@@ -128,7 +135,44 @@ impl Successors {
                 all.append(model, heading, (longest, curvature_per_m));
             }
         }
+        for (index, action) in actions.iter().enumerate() {
+            all.append_arrivals(index, action.direction);
+        }
         all
+    }
+
+    /// Appends the costs of arriving by an action, as `fans` has them.
+    fn append_arrivals(&mut self, index: usize, direction: u8) {
+        let Preceding {
+            left_steps,
+            right_steps,
+            ..
+        } = self.preceding[index];
+        let sides = [(Side::Left, left_steps), (Side::Right, right_steps)];
+        self.arrivals.push(sides.map(|(side, most)| {
+            let first = self.arrival_costs.len();
+            for steps in 0..=most {
+                let heading = side.turned(direction, steps);
+                let fan = self.headings[usize::from(heading)].fans.clone();
+                let fan = self.fans[fan].iter().find(|fan| {
+                    fan.group == index / WORD && fan.allowed >> (index % WORD) & 1 != 0
+                });
+                let cost = fan.map_or(u32::MAX, |fan| fan.costs[index % WORD]);
+                self.arrival_costs.push(cost);
+            }
+            first..self.arrival_costs.len()
+        }));
+    }
+
+    /// What it costs to arrive by an action, turn and length, in units: for each side, by the number of
+    /// directions that the heading before it lies to that side; `u32::MAX` where it may not follow.
+    #[inline]
+    pub(crate) fn arrivals(&self, action: usize) -> [(Side, &[u32]); 2] {
+        let [left, right] = &self.arrivals[action];
+        [
+            (Side::Left, &self.arrival_costs[left.clone()]),
+            (Side::Right, &self.arrival_costs[right.clone()]),
+        ]
     }
 
     /// Appends what may follow a heading.

@@ -37,7 +37,7 @@ const UNITS_PER_TURN: u64 = 6_588_397;
 /// π in units of cost, rounded down.
 const HALF_TURN: u32 = 3_294_198;
 /// Covers what rounding may add to an angle, in 2⁻³² of a turn.
-const ROUNDING: u32 = 16;
+pub(super) const ROUNDING: u32 = 16;
 
 /// The bound for one goal.
 #[derive(Debug)]
@@ -52,11 +52,28 @@ pub(super) struct TurnBound {
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Aim {
     /// Towards the goal, in 2⁻³² of a turn.
-    bearing: u32,
+    pub(super) bearing: u32,
     /// How far the displacement's direction may lie from the bearing, in 2⁻³² of a turn.
-    slack: u32,
+    pub(super) slack: u32,
     /// Least turn from the bearing to a direction that the goal accepts, in units.
-    rest: u32,
+    pub(super) rest: u32,
+}
+
+impl Aim {
+    /// Asks for no turn but to straight ahead.
+    pub(super) const NONE: Self = Self {
+        bearing: 0,
+        slack: 0,
+        rest: 0,
+    };
+
+    /// Least turn from an angle, in 2⁻³² of a turn, to the bearing, in units.
+    #[inline]
+    pub(super) fn least_off(self, angle: u32) -> u32 {
+        let off = angle.wrapping_sub(self.bearing);
+        let off = off.min(off.wrapping_neg()).saturating_sub(self.slack);
+        ((u64::from(off) * UNITS_PER_TURN) >> u32::BITS) as u32
+    }
 }
 
 impl TurnBound {
@@ -94,10 +111,7 @@ impl TurnBound {
     /// Least turn on the way from a cell and a direction to the goal, in units.
     #[inline]
     pub(super) fn least_turn(&self, aim: Aim, direction: u8) -> u32 {
-        let off = self.angles[usize::from(direction)].wrapping_sub(aim.bearing);
-        let off = off.min(off.wrapping_neg()).saturating_sub(aim.slack);
-        let off = ((u64::from(off) * UNITS_PER_TURN) >> u32::BITS) as u32;
-        (off + aim.rest)
+        (aim.least_off(self.angles[usize::from(direction)]) + aim.rest)
             .min(HALF_TURN)
             .max(self.to_goal[usize::from(direction)])
     }
@@ -109,7 +123,7 @@ impl TurnBound {
     clippy::cast_sign_loss,
     reason = "the remainder is less than 2^32"
 )]
-fn parts_of_turn(angle_rad: f64) -> u32 {
+pub(super) fn parts_of_turn(angle_rad: f64) -> u32 {
     let turns = angle_rad / TAU;
     ((turns - libm::floor(turns)) * 4_294_967_296.0) as u64 as u32
 }

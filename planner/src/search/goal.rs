@@ -77,6 +77,11 @@ impl Goal {
         }
     }
 
+    /// Cells on which it can be reached, row-major indices, ascending.
+    pub(super) fn cells(&self) -> &[usize] {
+        &self.cells
+    }
+
     pub(super) fn accepts(&self, state: State) -> bool {
         self.directions[usize::from(state.direction())]
             && self.cells.binary_search(&state.cell()).is_ok()

@@ -10,7 +10,7 @@ use crate::action::DIRECTIONS;
 
 /// A cell and a direction, as one number.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, PartialOrd, Ord)]
-pub(super) struct State(u32);
+pub(super) struct State(pub(super) u32);
 
 impl State {
     #[expect(
@@ -130,7 +130,7 @@ pub(super) struct About {
 
 /// Where a state of a claimed cell is kept.
 #[derive(Debug, Clone, Copy, Default)]
-pub(super) struct Place(u32);
+pub(super) struct Place(pub(super) u32);
 
 impl SearchMemory {
     /// Memory that grows with its first searches.

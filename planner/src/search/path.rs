@@ -3,7 +3,7 @@
 use swath_bridge::{Outcome, Pose2};
 
 use super::TargetResult;
-use super::memory::{SearchMemory, State};
+use super::memory::{Parent, SearchMemory, State};
 use crate::action::AHEAD;
 use crate::collision::CollisionMap;
 
@@ -17,7 +17,12 @@ pub(super) fn trace(
     last: State,
     steps: u64,
 ) -> TargetResult {
-    let actions = actions_to(map, memory, last);
+    let actions = actions_to(map, |state| memory.parent(state), last);
+    along(map, &actions, steps)
+}
+
+/// The result of driving actions from the start.
+pub(super) fn along(map: &CollisionMap, actions: &[u16], steps: u64) -> TargetResult {
     let model = map.model();
     let mut result = TargetResult {
         cost: 0.0,
@@ -30,7 +35,7 @@ pub(super) fn trace(
     result
         .path
         .push(Pose2::new(x_m, y_m, yaw_rad(map, heading)));
-    for action in actions {
+    for &action in actions {
         let action = &model.table().actions()[usize::from(action)];
         let length_m = action.length_cells * model.resolution_m();
         result.length_m += length_m;
@@ -63,12 +68,16 @@ fn yaw_rad(map: &CollisionMap, direction: u8) -> f64 {
     swath_bridge::geometry::wrap_angle_rad(map.model().table().angle_rad(direction))
 }
 
-/// Actions from the start to a state, in driving order.
-fn actions_to(map: &CollisionMap, memory: &SearchMemory, last: State) -> Vec<u16> {
+/// Actions from the start to a state, in driving order; `parent` tells how a state was reached.
+pub(super) fn actions_to(
+    map: &CollisionMap,
+    parent: impl Fn(State) -> Parent,
+    last: State,
+) -> Vec<u16> {
     let spec = map.spec();
     let mut actions = Vec::new();
     let mut state = last;
-    while let Some((number, from_direction)) = memory.parent(state).step() {
+    while let Some((number, from_direction)) = parent(state).step() {
         actions.push(number);
         let action = &map.model().table().actions()[usize::from(number)];
         let mut cell = spec.cell_of_index(state.cell());

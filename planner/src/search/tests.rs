@@ -9,6 +9,8 @@ use swath_bridge::{Cell, GridSpec, Vehicle};
 use super::*;
 use crate::motion::{MotionModel, max_curvature_per_m};
 
+mod bounds;
+
 /// Dijkstra over the same graph, made anew from its definition: offsets, exact angles, and rectangles
 /// tested against each occupied square by separating axes.
 struct Oracle {

@@ -1,0 +1,249 @@
+//! `swath`: all targets of a frame together, each at a cost of at most ε times its optimum.
+//!
+//! 1. For all targets: lower bounds on the length from the vehicle to everywhere, around obstacles
+//!    (`distance`), and the exact costs of what is near the vehicle (`trunk`).
+//! 2. For each target: a search from its goal backward under these bounds, with few expansions
+//!    (`target`). It solves what is easy and proves most of what cannot be reached.
+//! 3. If any targets are left: the trunk goes on farther off, and they are searched for again. The
+//!    trunk's paths are often within the bound at once; else they are paths that a search may stop at.
+//!
+//! Targets are handed to the threads in order of use. Each is searched for on its own, from what was
+//! there before any of them, so results do not depend on the number of threads or on who is first; only
+//! a deadline makes them depend on the machine.
+
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::time::Duration;
+
+use rayon::iter::{IntoParallelRefMutIterator, ParallelIterator};
+use swath_bridge::{Outcome, Pose2};
+
+use super::distance::Distances;
+use super::goal::Goal;
+use super::target::{Aims, End, Search, Shared};
+use super::tree::{Tree, Weights};
+use super::trunk::Trunk;
+use super::{Limits, TargetResult, cell_steps};
+use crate::Error;
+use crate::collision::CollisionMap;
+use crate::motion::Successors;
+use crate::timing::CpuTimer;
+
+/// How much of what ε allows beyond 1 a new state's key makes use of.
+const WEIGHT_SHARE: f64 = 0.5;
+
+/// A frame's targets.
+#[derive(Debug, Clone, Copy)]
+pub struct Frame<'a> {
+    /// Where motions are free.
+    pub map: &'a CollisionMap,
+    /// What may follow what.
+    pub successors: &'a Successors,
+    /// Targets, vehicle frame.
+    pub goals: &'a [Pose2],
+    /// Numbers of the targets, most useful first. Those that are missing are not searched for.
+    pub order: &'a [usize],
+}
+
+/// How a frame's targets are searched for.
+#[derive(Debug, Clone, Copy)]
+pub struct Rules<'a> {
+    /// Greatest cost of a path, as a multiple of the optimum; from 1 to 64.
+    pub epsilon: f64,
+    /// Most expansions for a target, and when to stop the whole frame.
+    pub limits: Limits<'a>,
+}
+
+/// How many expansions each part of a frame's search is given.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Effort {
+    /// Of the trunk near the vehicle.
+    pub(super) near_steps: u64,
+    /// Of the trunk farther off.
+    pub(super) far_steps: u64,
+    /// Of the first search for a target.
+    pub(super) first_steps: u64,
+}
+
+impl Default for Effort {
+    fn default() -> Self {
+        Self {
+            near_steps: 5_000,
+            far_steps: 30_000,
+            first_steps: 1_000,
+        }
+    }
+}
+
+/// Memory of all that targets share, reused from frame to frame.
+#[derive(Debug, Default)]
+pub struct FrameMemory {
+    effort: Effort,
+    aims: Aims,
+    distances: Distances,
+    trunk: Trunk,
+    /// One for each thread.
+    trees: Vec<Tree>,
+}
+
+impl FrameMemory {
+    /// Memory that grows with its first frames.
+    pub fn new() -> Self {
+        Self::default()
+    }
+
+    /// Memory of a search that is given other efforts.
+    #[cfg(test)]
+    pub(super) fn with_effort(effort: Effort) -> Self {
+        Self {
+            effort,
+            ..Self::default()
+        }
+    }
+
+    /// Plans to all targets of a frame on rayon's threads; results, each with the processor time of its
+    /// own search, are in the order of the goals.
+    ///
+    /// # Errors
+    /// [`Error::Epsilon`] unless ε is from 1 to 64, [`Error::Order`] if a number in the order is no
+    /// goal's.
+    pub fn plan(
+        &mut self,
+        frame: &Frame<'_>,
+        rules: &Rules<'_>,
+    ) -> Result<Vec<(TargetResult, Duration)>, Error> {
+        super::check_epsilon(rules.epsilon)?;
+        if let Some(&number) = frame
+            .order
+            .iter()
+            .find(|&&number| number >= frame.goals.len())
+        {
+            return Err(Error::Order {
+                number,
+                goals: frame.goals.len(),
+            });
+        }
+        let mut results = vec![
+            (
+                TargetResult::without_path(Outcome::BudgetExhausted, 0),
+                Duration::ZERO
+            );
+            frame.goals.len()
+        ];
+        let mut goals: Vec<Option<Goal>> = Vec::new();
+        for (pose, result) in frame.goals.iter().zip(&mut results) {
+            let goal = Goal::new(frame.map, pose).map_err(|outcome| {
+                result.0 = TargetResult::without_path(outcome, 0);
+            });
+            goals.push(goal.ok());
+        }
+        let has_goal = |&&number: &&usize| goals[number].is_some();
+        let left: Vec<usize> = frame.order.iter().filter(has_goal).copied().collect();
+        if left.is_empty() || !self.prepare(frame, rules)? {
+            return Ok(results);
+        }
+        let first_steps = self.effort.first_steps;
+        let first = Limits {
+            max_expansions: Some(
+                rules
+                    .limits
+                    .max_expansions
+                    .unwrap_or(u64::MAX)
+                    .min(first_steps),
+            ),
+            ..rules.limits
+        };
+        let left = self.search_all(frame, (&goals, &left), (rules.epsilon, first), &mut results);
+        let is_limit = rules
+            .limits
+            .max_expansions
+            .is_some_and(|most| most <= first_steps);
+        if left.is_empty() || is_limit || rules.limits.asked().is_some() {
+            return Ok(results);
+        }
+        let unsolved: Vec<&Goal> = left.iter().filter_map(|&at| goals[at].as_ref()).collect();
+        let stop = || rules.limits.asked().is_some();
+        let (map, successors) = (frame.map, frame.successors);
+        let far = (self.effort.far_steps, &stop as _);
+        self.trunk.spread(map, successors, &unsolved, far);
+        let rest = Limits {
+            max_expansions: rules.limits.max_expansions.map(|most| most - first_steps),
+            ..rules.limits
+        };
+        self.search_all(frame, (&goals, &left), (rules.epsilon, rest), &mut results);
+        Ok(results)
+    }
+
+    /// Expansions that served all targets of the last frame together.
+    pub const fn shared_steps(&self) -> u64 {
+        self.trunk.steps()
+    }
+
+    /// Computes what targets share. False if it was stopped.
+    fn prepare(&mut self, frame: &Frame<'_>, rules: &Rules<'_>) -> Result<bool, Error> {
+        let (map, successors) = (frame.map, frame.successors);
+        map.spec().validate()?;
+        self.aims.prepare(map);
+        let stop = || rules.limits.asked().is_some();
+        let (distances, trunk) = (&mut self.distances, &mut self.trunk);
+        let near_steps = self.effort.near_steps;
+        let (is_measured, is_grown) = rayon::join(
+            || distances.measure(map, &stop),
+            || trunk.grow(map, successors, (near_steps, &stop)),
+        );
+        Ok(is_grown? && is_measured)
+    }
+
+    /// Searches for targets on all threads; returns those which are not decided, in the same order.
+    fn search_all(
+        &mut self,
+        frame: &Frame<'_>,
+        (goals, numbers): (&[Option<Goal>], &[usize]),
+        (epsilon, limits): (f64, Limits<'_>),
+        results: &mut [(TargetResult, Duration)],
+    ) -> Vec<usize> {
+        let shared = Shared {
+            map: frame.map,
+            successors: frame.successors,
+            steps_of: cell_steps(frame.map),
+            aims: &self.aims,
+            distances: &self.distances,
+            trunk: &self.trunk,
+        };
+        let weights = Weights::new(epsilon, 1.0 + WEIGHT_SHARE * (epsilon - 1.0));
+        let threads = rayon::current_num_threads().min(numbers.len());
+        if self.trees.len() < threads {
+            self.trees.resize_with(threads, Tree::default);
+        }
+        let next = AtomicUsize::new(0);
+        let work = |tree: &mut Tree| {
+            let mut ends = Vec::new();
+            while let Some(&number) = numbers.get(next.fetch_add(1, Ordering::Relaxed)) {
+                let Some(goal) = &goals[number] else { continue };
+                if limits.asked().is_some() || tree.prepare(frame.map.spec()).is_err() {
+                    break;
+                }
+                let timer = CpuTimer::of_thread();
+                let end = Search::new(&shared, weights, tree).run(goal, limits);
+                ends.push((number, end, timer.elapsed()));
+            }
+            ends
+        };
+        let workers = self.trees[..threads].par_iter_mut();
+        let mut is_decided = vec![false; goals.len()];
+        for (number, end, cpu) in workers.map(work).collect::<Vec<_>>().into_iter().flatten() {
+            let (result, all_cpu) = &mut results[number];
+            let before = result.steps;
+            *result = match end {
+                End::Result(result) => {
+                    is_decided[number] = true;
+                    result
+                }
+                End::Limit(outcome, steps) => TargetResult::without_path(outcome, steps),
+            };
+            result.steps += before;
+            *all_cpu += cpu;
+        }
+        let undecided = |number: &&usize| !is_decided[**number];
+        numbers.iter().filter(undecided).copied().collect()
+    }
+}

@@ -1,0 +1,280 @@
+//! The search for one target of a frame: from the goal backward, until it meets ways from the vehicle.
+//!
+//! All targets start from the same vehicle, so one lower bound on the cost from the vehicle to a state
+//! serves all these searches, and it may know of obstacles (see `distance`). A goal that cannot be
+//! reached has few states before it, and running out of them is the proof.
+//!
+//! The bound is the sum of two. One is on length. The other is on turns: a path from the vehicle, heading
+//! 0, to a heading θ at a bearing β turns by at least |0 − β| + |β − θ|, all taken the shorter way
+//! around. For its turns sweep a range of headings [a, b] that holds 0 and θ and the direction of every
+//! chord. If it is narrower than π it holds β, which is the direction of the chords' sum, and the sweep
+//! passes it. Else the sweep goes to both ends: if b comes first it turns by b + (b − a) + (θ − a) ≥
+//! 2π + θ, which is what 0 → β → θ takes by going left all the way; the other way around likewise.
+//! Near the vehicle the cost is known exactly, and so is the least cost of whatever is not near.
+
+use swath_bridge::Outcome;
+
+use super::bound::{Aim, ROUNDING, parts_of_turn};
+use super::distance::{Distances, NO_WAY};
+use super::goal::Goal;
+use super::memory::{Parent, Place, State};
+use super::tree::{About, Stage, Tree, Weights};
+use super::trunk::Trunk;
+use super::{CellStep, Limits, TargetResult, floor_units, path};
+use crate::action::{ACTIONS, AHEAD, DIRECTIONS};
+use crate::collision::{CollisionMap, WORD};
+use crate::motion::{Side, Successors};
+
+/// What all targets of a frame share.
+#[derive(Debug)]
+pub(super) struct Shared<'a> {
+    pub(super) map: &'a CollisionMap,
+    pub(super) successors: &'a Successors,
+    pub(super) steps_of: [CellStep; ACTIONS],
+    pub(super) aims: &'a Aims,
+    pub(super) distances: &'a Distances,
+    pub(super) trunk: &'a Trunk,
+}
+
+/// Where cells and headings lie from the vehicle; the same for all maps of a grid.
+#[derive(Debug, Default)]
+pub(super) struct Aims {
+    /// Rows, columns, and the vehicle's cell of the grid that this is for.
+    grid: (u32, u32, u32, u32, u64),
+    cells: Vec<About>,
+    angles: Vec<u32>,
+}
+
+impl Aims {
+    /// Makes sure that this is for the grid of a map.
+    pub(super) fn prepare(&mut self, map: &CollisionMap) {
+        let (spec, table) = (map.spec(), map.model().table());
+        let resolution = spec.resolution_m.to_bits();
+        let grid = (spec.rows, spec.cols, spec.ego_row, spec.ego_col, resolution);
+        if self.grid == grid && self.angles.len() == DIRECTIONS {
+            return;
+        }
+        self.grid = grid;
+        let angle = |direction| parts_of_turn(table.angle_rad(direction));
+        self.angles = (0..=u8::MAX).map(angle).collect();
+        let ego = spec.centre_of(spec.ego());
+        let about = |cell| {
+            let at = spec.centre_of(spec.cell_of_index(cell));
+            let (x_m, y_m) = (at.0 - ego.0, at.1 - ego.1);
+            let length = floor_units(libm::hypot(x_m, y_m));
+            if length == 0 {
+                // The way back to the vehicle's cell has no bearing; ahead asks for nothing.
+                return About::default();
+            }
+            let bearing_rad = libm::atan2(y_m, x_m);
+            let aim = Aim {
+                bearing: parts_of_turn(bearing_rad),
+                slack: ROUNDING,
+                rest: floor_units(bearing_rad.abs()),
+            };
+            About { length, aim }
+        };
+        self.cells = (0..spec.len()).map(about).collect();
+    }
+}
+
+/// What stopped a search.
+pub(super) enum End {
+    /// The target's result.
+    Result(TargetResult),
+    /// The limit came first, after so many steps.
+    Limit(Outcome, u64),
+}
+
+/// A search for one target.
+pub(super) struct Search<'a> {
+    shared: &'a Shared<'a>,
+    tree: &'a mut Tree,
+    weights: Weights,
+    /// Cost of the best path so far, in units, and the state in which it meets the trunk.
+    best: Option<(u32, State)>,
+    steps: u64,
+}
+
+impl<'a> Search<'a> {
+    /// A search in a tree that was prepared.
+    pub(super) const fn new(shared: &'a Shared<'a>, weights: Weights, tree: &'a mut Tree) -> Self {
+        Self {
+            shared,
+            tree,
+            weights,
+            best: None,
+            steps: 0,
+        }
+    }
+
+    pub(super) fn run(mut self, goal: &Goal, limits: Limits<'_>) -> End {
+        let mut least = NO_WAY;
+        for state in goal.states() {
+            let place = self.place(state);
+            least = least.min(self.least(state));
+            self.reach(state, place, (0, Parent::START));
+        }
+        // A path over the trunk's far states is good enough if it is within the bound of this bound.
+        let far_enough = self.weights.ceiling(u64::from(least));
+        let is_spread = self.shared.trunk.is_spread();
+        if let Some((_, state)) = self.best.filter(|best| is_spread && best.0 <= far_enough) {
+            return End::Result(self.trace(state));
+        }
+        while let Some((state, place, key)) = self.tree.pop() {
+            if self.best.is_some_and(|(cost, _)| key >= cost) {
+                break;
+            }
+            if let Some(outcome) = limits.reached(self.steps) {
+                return End::Limit(outcome, self.steps);
+            }
+            self.tree.set_stage(place, Stage::Expanded);
+            self.steps += 1;
+            self.expand(state, self.tree.cost(place));
+        }
+        End::Result(match self.best {
+            Some((_, state)) => self.trace(state),
+            None => TargetResult::without_path(Outcome::Unreachable, self.steps),
+        })
+    }
+
+    /// The path through a state where it meets the trunk.
+    fn trace(&self, meeting: State) -> TargetResult {
+        let (map, trunk) = (self.shared.map, self.shared.trunk);
+        let mut actions = path::actions_to(map, |state| trunk.parent(state), meeting);
+        let mut state = meeting;
+        while let Some((action, _)) = self.tree.parent(state).step() {
+            actions.push(action);
+            let step = self.shared.steps_of[usize::from(action)];
+            let cell = state.cell().wrapping_add_signed(step.offset as isize);
+            state = State::new(cell, step.direction);
+        }
+        path::along(map, &actions, self.steps)
+    }
+
+    #[inline]
+    fn place(&mut self, state: State) -> Place {
+        let shared = self.shared;
+        self.tree.place(state, |cell| {
+            let cols = shared.map.spec().cols as usize;
+            let about = shared.aims.cells[cell];
+            let around = shared.distances.to((cell / cols, cell % cols));
+            About {
+                length: about.length.max(around),
+                ..about
+            }
+        })
+    }
+
+    /// Reaches the states from which one action leads to a state.
+    #[expect(clippy::cast_possible_truncation, reason = "there are 368 actions")]
+    fn expand(&mut self, to: State, cost: u32) {
+        let (map, successors) = (self.shared.map, self.shared.successors);
+        let (rows, cols) = (map.spec().rows as usize, map.spec().cols as usize);
+        let (row, col) = (to.cell() / cols, to.cell() % cols);
+        for index in successors.actions_of(to.direction()) {
+            let action = &map.model().table().actions()[index];
+            let row = row.wrapping_add_signed(-action.d_row as isize);
+            let col = col.wrapping_add_signed(-action.d_col as isize);
+            if row >= rows || col >= cols {
+                continue;
+            }
+            let chords = map.blocked_chords(index / WORD, (row, col));
+            if chords >> (index % WORD) & 1 != 0 {
+                continue;
+            }
+            for (side, costs) in successors.arrivals(index) {
+                let from = (row * cols + col, to.direction());
+                self.reach_side((from, index as u16), cost, (side, costs));
+            }
+        }
+    }
+
+    /// Reaches the headings that lie to a side of a direction, as far as turning from them is free.
+    fn reach_side(
+        &mut self,
+        ((cell, direction), action): ((usize, u8), u16),
+        cost: u32,
+        (side, costs): (Side, &[u32]),
+    ) {
+        let map = self.shared.map;
+        let cols = map.spec().cols as usize;
+        let at = (cell / cols, cell % cols);
+        let (mut group, mut blocked) = (usize::MAX, 0);
+        for (steps, &step) in (0u8..).zip(costs) {
+            if steps > 0 {
+                let turn = usize::from(side.passed(direction, steps - 1));
+                if turn / WORD != group {
+                    group = turn / WORD;
+                    blocked = map.blocked_turns(group, at);
+                }
+                if blocked >> (turn % WORD) & 1 != 0 {
+                    break;
+                }
+            }
+            // Straight on is to both sides; going there once is enough.
+            if step == u32::MAX || (steps == 0 && side == Side::Right) {
+                continue;
+            }
+            let state = State::new(cell, side.turned(direction, steps));
+            let place = self.place(state);
+            let cost = cost.saturating_add(step);
+            if cost < self.tree.cost(place) {
+                self.reach(state, place, (cost, Parent::new(action, 0)));
+            }
+        }
+    }
+
+    /// Lower bound on the cost from the vehicle to a state, in units; [`NO_WAY`] if there is none.
+    #[inline]
+    fn least(&self, state: State) -> u32 {
+        let about = self.tree.about(state.cell());
+        if about.length == NO_WAY {
+            return NO_WAY;
+        }
+        let trunk = self.shared.trunk;
+        if about.length < trunk.radius() {
+            if let Some(cost) = trunk.exact_cost(state) {
+                return cost;
+            }
+        }
+        let angle = self.shared.aims.angles[usize::from(state.direction())];
+        let turns = about.aim.rest + about.aim.least_off(angle);
+        about.length.saturating_add(turns).max(trunk.radius())
+    }
+
+    #[inline]
+    fn reach(&mut self, to: State, place: Place, (cost, parent): (u32, Parent)) {
+        self.tree.improve(place, cost, parent);
+        let rest = self.least(to);
+        if rest == NO_WAY {
+            return;
+        }
+        let trunk = self.shared.trunk;
+        if self.tree.about(to.cell()).length < trunk.radius() && trunk.exact_cost(to).is_some() {
+            // What comes before this state is known to be no better.
+            return self.meet(to, cost.saturating_add(rest));
+        }
+        if let Some(far) = trunk.far_cost(to) {
+            self.meet(to, cost.saturating_add(far));
+        }
+        let stage = self.tree.stage(place);
+        let key = self.weights.key(cost, rest, stage);
+        if stage == Stage::Expanded {
+            self.tree.set_stage(place, Stage::Improved);
+        }
+        if self.best.is_none_or(|(best, _)| key < best) {
+            self.tree.push(to, key);
+        }
+    }
+
+    /// Takes note of a path through a state.
+    #[inline]
+    fn meet(&mut self, state: State, cost: u32) {
+        if self.best.is_none_or(|(best, _)| cost < best) {
+            self.best = Some((cost, state));
+        }
+    }
+}
+
+const _: () = assert!(AHEAD == 0, "turns are counted from the direction ahead");

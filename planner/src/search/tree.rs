@@ -1,0 +1,252 @@
+//! States that a search under a bound has come to, by cell, and its open list.
+//!
+//! A state's key may be anything up to ε (g + h), g being its cost so far and h a lower bound on the
+//! rest; and a search may stop as soon as no key is less than the cost C of a path that is known. Then
+//! C ≤ ε × the optimum, whatever the keys were: as long as a path of the optimal cost is not known, some
+//! state on an optimal path is open at its optimal cost g (the first one on it that was not expanded at
+//! that cost), and C ≤ its key ≤ ε (g + h) ≤ ε × the optimum. This asks neither for a consistent h nor
+//! for an order of expansions. So a state that is reached for the first time gets g + w h with w ≤ ε,
+//! and one that was expanded before, at a greater cost, the greatest key that is allowed. It is then
+//! nearly never expanded again, which weighted search with an inconsistent h would do hundreds of times.
+
+use swath_bridge::GridSpec;
+
+use super::bound::Aim;
+use super::memory::{Parent, Place, State};
+use super::open::OpenList;
+use crate::Error;
+use crate::action::DIRECTIONS;
+
+/// States that neighbour in direction and lie together, as in `SearchMemory`.
+const BLOCK_BITS: u32 = 5;
+const BLOCK_STATES: usize = 1 << BLOCK_BITS;
+const BLOCKS: usize = DIRECTIONS / BLOCK_STATES;
+const NO_BLOCK: u32 = u32::MAX;
+/// Fractions of weights are counted in this.
+const WEIGHT_BITS: u32 = 16;
+const WEIGHT_ONE: f64 = 65_536.0;
+/// Greatest ε: beyond, costs times weights could pass the range of keys.
+pub(super) const MAX_EPSILON: f64 = 64.0;
+
+/// Whether a state was expanded.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Stage {
+    /// Never.
+    New,
+    /// At its cost.
+    Expanded,
+    /// At a greater cost.
+    Improved,
+    /// At its cost, in a search that leaves out some states.
+    Kept,
+}
+
+/// What is the same for all states of a cell.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct About {
+    /// Lower bound on the length of the rest, in units.
+    pub(super) length: u32,
+    /// For the lower bound on turns.
+    pub(super) aim: Aim,
+}
+
+#[derive(Debug, Clone, Copy)]
+struct CellSlot {
+    generation: u32,
+    about: About,
+    blocks: [u32; BLOCKS],
+}
+
+const UNCLAIMED: CellSlot = CellSlot {
+    generation: 0,
+    about: About {
+        length: 0,
+        aim: Aim::NONE,
+    },
+    blocks: [NO_BLOCK; BLOCKS],
+};
+
+/// States with the best ways to them, in memory that is reused from search to search.
+#[derive(Debug, Default)]
+pub(super) struct Tree {
+    generation: u32,
+    cells: Vec<CellSlot>,
+    costs: Vec<u32>,
+    parents: Vec<Parent>,
+    stages: Vec<Stage>,
+    used_states: usize,
+    pub(super) open: OpenList,
+}
+
+impl Tree {
+    /// Makes ready for a search on a grid.
+    pub(super) fn prepare(&mut self, spec: &GridSpec) -> Result<(), Error> {
+        spec.validate()?;
+        if self.cells.len() != spec.len() || self.generation == u32::MAX {
+            self.cells.clear();
+            self.cells.resize(spec.len(), UNCLAIMED);
+            self.generation = 0;
+        }
+        self.generation += 1;
+        self.used_states = 0;
+        self.open.clear();
+        Ok(())
+    }
+
+    #[expect(
+        clippy::cast_possible_truncation,
+        reason = "grids have at most 2^24 cells of 2^3 blocks"
+    )]
+    #[cold]
+    fn claim_block(&mut self, cell: usize, block: usize) -> u32 {
+        let states = self.used_states..self.used_states + BLOCK_STATES;
+        if self.costs.len() < states.end {
+            self.costs.resize(states.end, u32::MAX);
+            self.parents.resize(states.end, Parent::START);
+            self.stages.resize(states.end, Stage::New);
+        }
+        self.costs[states.clone()].fill(u32::MAX);
+        self.stages[states.clone()].fill(Stage::New);
+        let number = (states.start / BLOCK_STATES) as u32;
+        self.cells[cell].blocks[block] = number;
+        self.used_states = states.end;
+        number
+    }
+
+    /// The place of a state. If its cell was not reached before, `about` is asked about it.
+    #[inline]
+    pub(super) fn place(&mut self, state: State, about: impl FnOnce(usize) -> About) -> Place {
+        let slot = &mut self.cells[state.cell()];
+        if slot.generation != self.generation {
+            *slot = CellSlot {
+                generation: self.generation,
+                about: about(state.cell()),
+                ..UNCLAIMED
+            };
+        }
+        let (block, within) = split(state);
+        let mut number = slot.blocks[block];
+        if number == NO_BLOCK {
+            number = self.claim_block(state.cell(), block);
+        }
+        Place(number << BLOCK_BITS | within)
+    }
+
+    /// The place of a state that may not have been reached.
+    #[inline]
+    pub(super) fn find(&self, state: State) -> Option<Place> {
+        let slot = &self.cells[state.cell()];
+        let (block, within) = split(state);
+        let number = slot.blocks[block];
+        (slot.generation == self.generation && number != NO_BLOCK)
+            .then_some(Place(number << BLOCK_BITS | within))
+    }
+
+    /// What is known of a cell that was reached.
+    #[inline]
+    pub(super) fn about(&self, cell: usize) -> &About {
+        &self.cells[cell].about
+    }
+
+    /// Cost of the best way to a state, in units; `u32::MAX` if there is none yet.
+    #[inline]
+    pub(super) fn cost(&self, place: Place) -> u32 {
+        self.costs[place.0 as usize]
+    }
+
+    #[inline]
+    pub(super) fn stage(&self, place: Place) -> Stage {
+        self.stages[place.0 as usize]
+    }
+
+    #[inline]
+    pub(super) fn set_stage(&mut self, place: Place, stage: Stage) {
+        self.stages[place.0 as usize] = stage;
+    }
+
+    /// Notes a better way to a state.
+    #[inline]
+    pub(super) fn improve(&mut self, place: Place, cost: u32, parent: Parent) {
+        self.costs[place.0 as usize] = cost;
+        self.parents[place.0 as usize] = parent;
+    }
+
+    #[inline]
+    pub(super) fn push(&mut self, state: State, key: u32) {
+        self.open.push(u64::from(key) << 32 | u64::from(state.0));
+    }
+
+    /// Takes the state with the smallest key that is not expanded at its cost already, and that key.
+    /// Ties go to the smaller cell number and then to the smaller direction.
+    #[expect(clippy::cast_possible_truncation, reason = "both halves of a key are")]
+    #[inline]
+    pub(super) fn pop(&mut self) -> Option<(State, Place, u32)> {
+        loop {
+            let key = self.open.pop()?;
+            let state = State(key as u32);
+            let Some(place) = self.find(state) else {
+                continue;
+            };
+            if matches!(self.stage(place), Stage::New | Stage::Improved) {
+                return Some((state, place, (key >> 32) as u32));
+            }
+        }
+    }
+
+    /// How a state that was reached was reached.
+    pub(super) fn parent(&self, state: State) -> Parent {
+        self.find(state)
+            .map_or(Parent::START, |place| self.parents[place.0 as usize])
+    }
+}
+
+#[inline]
+fn split(state: State) -> (usize, u32) {
+    let direction = u32::from(state.direction());
+    let within = direction & ((1 << BLOCK_BITS) - 1);
+    ((direction >> BLOCK_BITS) as usize, within)
+}
+
+/// How keys are made of costs.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Weights {
+    epsilon: u64,
+    first: u64,
+}
+
+impl Weights {
+    /// Keys for a bound ε and a weight w that is not greater, both from 1 to [`MAX_EPSILON`].
+    #[expect(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "weights are at least 1 and bounded"
+    )]
+    pub(super) fn new(epsilon: f64, first: f64) -> Self {
+        let fixed = |weight: f64| (weight.clamp(1.0, MAX_EPSILON) * WEIGHT_ONE) as u64;
+        Self {
+            epsilon: fixed(epsilon),
+            first: fixed(first.min(epsilon)),
+        }
+    }
+
+    /// The greatest cost of a path that is within the bound if the optimum is at least `least`.
+    #[inline]
+    pub(super) fn ceiling(self, least: u64) -> u32 {
+        saturated((least * self.epsilon) >> WEIGHT_BITS)
+    }
+
+    /// The key of a state of cost `cost`, from which at least `rest` is to come.
+    #[inline]
+    pub(super) fn key(self, cost: u32, rest: u32, stage: Stage) -> u32 {
+        if stage == Stage::New {
+            saturated(u64::from(cost) + ((u64::from(rest) * self.first) >> WEIGHT_BITS))
+        } else {
+            self.ceiling(u64::from(cost) + u64::from(rest))
+        }
+    }
+}
+
+#[inline]
+fn saturated(key: u64) -> u32 {
+    u32::try_from(key).unwrap_or(u32::MAX)
+}
