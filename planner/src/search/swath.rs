@@ -4,7 +4,8 @@
 //!    (`distance`), and the exact costs of what is near the vehicle (`trunk`).
 //! 2. For each target: a search from its goal backward under these bounds, with few expansions
 //!    (`target`). It solves what is easy and proves most of what cannot be reached.
-//! 3. If any targets are left: the trunk goes on farther off, and they are searched for again. The
+//! 3. If few targets are left: the same again with more expansions, which costs less than the next step.
+//! 4. If any targets are left: the trunk goes on farther off, and they are searched for again. The
 //!    trunk's paths are often within the bound at once; else they are paths that a search may stop at.
 //!
 //! Targets are handed to the threads in order of use. Each is searched for on its own, from what was
@@ -57,19 +58,22 @@ pub struct Rules<'a> {
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Effort {
     /// Of the trunk near the vehicle.
-    pub(super) near_steps: u64,
+    pub(super) near: u64,
     /// Of the trunk farther off.
-    pub(super) far_steps: u64,
+    pub(super) far: u64,
     /// Of the first search for a target.
-    pub(super) first_steps: u64,
+    pub(super) first: u64,
+    /// Of the second searches for all targets that the first ones left, if these are few.
+    pub(super) few: u64,
 }
 
 impl Default for Effort {
     fn default() -> Self {
         Self {
-            near_steps: 5_000,
-            far_steps: 30_000,
-            first_steps: 1_000,
+            near: 5_000,
+            far: 30_000,
+            first: 1_000,
+            few: 40_000,
         }
     }
 }
@@ -141,36 +145,73 @@ impl FrameMemory {
         if left.is_empty() || !self.prepare(frame, rules)? {
             return Ok(results);
         }
-        let first_steps = self.effort.first_steps;
-        let first = Limits {
-            max_expansions: Some(
-                rules
-                    .limits
-                    .max_expansions
-                    .unwrap_or(u64::MAX)
-                    .min(first_steps),
-            ),
-            ..rules.limits
+        let mut spent = 0;
+        let left = self.search_for(
+            frame,
+            rules,
+            (&goals, left),
+            (&mut spent, self.effort.first),
+            &mut results,
+        );
+        // Where few targets are left, searching longer for them costs less than what would serve many.
+        let each = self.effort.few / left.len().max(1) as u64;
+        let left = if each > 2 * self.effort.first {
+            self.search_for(
+                frame,
+                rules,
+                (&goals, left),
+                (&mut spent, each),
+                &mut results,
+            )
+        } else {
+            left
         };
-        let left = self.search_all(frame, (&goals, &left), (rules.epsilon, first), &mut results);
         let is_limit = rules
             .limits
             .max_expansions
-            .is_some_and(|most| most <= first_steps);
+            .is_some_and(|most| most <= spent);
         if left.is_empty() || is_limit || rules.limits.asked().is_some() {
             return Ok(results);
         }
         let unsolved: Vec<&Goal> = left.iter().filter_map(|&at| goals[at].as_ref()).collect();
         let stop = || rules.limits.asked().is_some();
         let (map, successors) = (frame.map, frame.successors);
-        let far = (self.effort.far_steps, &stop as _);
+        let far = (self.effort.far, &stop as _);
         self.trunk.spread(map, successors, &unsolved, far);
-        let rest = Limits {
-            max_expansions: rules.limits.max_expansions.map(|most| most - first_steps),
+        self.search_for(
+            frame,
+            rules,
+            (&goals, left),
+            (&mut spent, u64::MAX),
+            &mut results,
+        );
+        Ok(results)
+    }
+
+    /// Searches for targets with at most so many expansions each, as far as the rules' limit leaves any
+    /// after what each was searched for already; returns those which are not decided.
+    fn search_for(
+        &mut self,
+        frame: &Frame<'_>,
+        rules: &Rules<'_>,
+        (goals, numbers): (&[Option<Goal>], Vec<usize>),
+        (spent, most): (&mut u64, u64),
+        results: &mut [(TargetResult, Duration)],
+    ) -> Vec<usize> {
+        let left = rules
+            .limits
+            .max_expansions
+            .map_or(u64::MAX, |most| most.saturating_sub(*spent));
+        if left == 0 {
+            return numbers;
+        }
+        let most = most.min(left);
+        *spent = spent.saturating_add(most);
+        let limits = Limits {
+            max_expansions: Some(most),
             ..rules.limits
         };
-        self.search_all(frame, (&goals, &left), (rules.epsilon, rest), &mut results);
-        Ok(results)
+        self.search_all(frame, (goals, &numbers), (rules.epsilon, limits), results)
     }
 
     /// Expansions that served all targets of the last frame together.
@@ -185,7 +226,7 @@ impl FrameMemory {
         self.aims.prepare(map);
         let stop = || rules.limits.asked().is_some();
         let (distances, trunk) = (&mut self.distances, &mut self.trunk);
-        let near_steps = self.effort.near_steps;
+        let near_steps = self.effort.near;
         let (is_measured, is_grown) = rayon::join(
             || distances.measure(map, &stop),
             || trunk.grow(map, successors, (near_steps, &stop)),

@@ -233,10 +233,10 @@ impl<'a> Search<'a> {
             return NO_WAY;
         }
         let trunk = self.shared.trunk;
-        if about.length < trunk.radius() {
-            if let Some(cost) = trunk.exact_cost(state) {
-                return cost;
-            }
+        if about.length < trunk.radius()
+            && let Some(cost) = trunk.exact_cost(state)
+        {
+            return cost;
         }
         let angle = self.shared.aims.angles[usize::from(state.direction())];
         let turns = about.aim.rest + about.aim.least_off(angle);

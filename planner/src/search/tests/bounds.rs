@@ -6,24 +6,28 @@ use super::*;
 /// So little that every part of the search has something to do on small maps.
 const EFFORTS: [Effort; 4] = [
     Effort {
-        near_steps: 1,
-        far_steps: 1,
-        first_steps: 1,
+        near: 1,
+        far: 1,
+        first: 1,
+        few: 0,
     },
     Effort {
-        near_steps: 20,
-        far_steps: 0,
-        first_steps: 1_000_000,
+        near: 20,
+        far: 0,
+        first: 1_000_000,
+        few: 0,
     },
     Effort {
-        near_steps: 20,
-        far_steps: 300,
-        first_steps: 2,
+        near: 20,
+        far: 300,
+        first: 2,
+        few: 30,
     },
     Effort {
-        near_steps: 1_000_000,
-        far_steps: 1,
-        first_steps: 1,
+        near: 1_000_000,
+        far: 1,
+        first: 1,
+        few: 0,
     },
 ];
 
