@@ -70,10 +70,10 @@ pub(super) struct Effort {
 impl Default for Effort {
     fn default() -> Self {
         Self {
-            near: 5_000,
+            near: 3_000,
             far: 30_000,
-            first: 1_000,
-            few: 40_000,
+            first: 500,
+            few: 20_000,
         }
     }
 }
@@ -150,8 +150,7 @@ impl FrameMemory {
             frame,
             rules,
             (&goals, left),
-            (&mut spent, self.effort.first),
-            &mut results,
+            ((&mut spent, self.effort.first), &mut results),
         );
         // Where few targets are left, searching longer for them costs less than what would serve many.
         let each = self.effort.few / left.len().max(1) as u64;
@@ -160,8 +159,7 @@ impl FrameMemory {
                 frame,
                 rules,
                 (&goals, left),
-                (&mut spent, each),
-                &mut results,
+                ((&mut spent, each), &mut results),
             )
         } else {
             left
@@ -182,8 +180,7 @@ impl FrameMemory {
             frame,
             rules,
             (&goals, left),
-            (&mut spent, u64::MAX),
-            &mut results,
+            ((&mut spent, u64::MAX), &mut results),
         );
         Ok(results)
     }
@@ -195,8 +192,7 @@ impl FrameMemory {
         frame: &Frame<'_>,
         rules: &Rules<'_>,
         (goals, numbers): (&[Option<Goal>], Vec<usize>),
-        (spent, most): (&mut u64, u64),
-        results: &mut [(TargetResult, Duration)],
+        ((spent, most), results): ((&mut u64, u64), &mut [(TargetResult, Duration)]),
     ) -> Vec<usize> {
         let left = rules
             .limits
