@@ -112,12 +112,18 @@ impl World {
         .await
     }
 
+    /// The path for the grid that was sent last.
     async fn newest_path(&mut self) -> Vec<Pose2> {
-        let mut newest = soon(self.paths.recv()).await.unwrap().message;
-        while let Some(path) = self.paths.try_recv() {
-            newest = path.message;
-        }
-        poses_of_path(&newest)
+        let wanted = Header::at(self.stamp, "base_link");
+        soon(async {
+            loop {
+                let path = self.paths.recv().await.unwrap().message;
+                if path.header == wanted {
+                    return poses_of_path(&path);
+                }
+            }
+        })
+        .await
     }
 
     async fn end(self) -> NodeSummary {
