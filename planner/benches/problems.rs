@@ -7,23 +7,18 @@
 
 #![expect(clippy::print_stdout, reason = "a bench prints what it measured")]
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::Arc;
 use std::time::Instant;
 
-use swath_bridge::{GridSpec, Outcome, Pose2, Vehicle, goals, pgm};
+use swath_bridge::{GridSpec, Outcome, Vehicle};
 use swath_planner::{
-    CollisionMap, CpuTimer, Method, MotionModel, PlanConfig, Plane, Planner, TargetPlan, millis,
+    CollisionMap, CpuTimer, Method, MotionModel, PlanConfig, Planner, TargetPlan, millis,
 };
 
-const NAMES: [&str; 6] = [
-    "s_road",
-    "traffic",
-    "left_turn",
-    "parking",
-    "clutter",
-    "slalom",
-];
+#[path = "../tests/data/mod.rs"]
+mod data;
+
 /// Runs of which the cheapest counts.
 const ROUNDS: usize = 3;
 /// Processor time from which on one run is enough.
@@ -36,18 +31,9 @@ struct Measured {
 }
 
 fn main() {
-    let data = std::env::var_os("SWATH_DATA").map_or_else(
-        || PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/../../shared/data")),
-        PathBuf::from,
-    );
-    let problems = data.join("problems");
-    if !problems.is_dir() {
-        println!(
-            "SKIPPED: no problems at {}; set SWATH_DATA",
-            problems.display()
-        );
+    let Some(problems) = data::problems() else {
         return;
-    }
+    };
     let named: Vec<Method> = std::env::args()
         .filter_map(|name| Method::from_name(&name))
         .collect();
@@ -70,7 +56,7 @@ fn main() {
         "max"
     );
     let mut ratios = Vec::new();
-    for name in NAMES {
+    for name in data::NAMES {
         let measured: Vec<Measured> = methods
             .iter()
             .map(|&method| measure(&model, &problems, name, method))
@@ -107,10 +93,7 @@ fn main() {
 
 fn measure(model: &Arc<MotionModel>, problems: &Path, name: &str, method: Method) -> Measured {
     let spec = GridSpec::default();
-    let occupancy = pgm::read_map(&problems.join(format!("{name}.pgm")), &spec);
-    let obstacles = Plane::from_occupancy(&occupancy.expect("the map can be read"), 50, false);
-    let goals: Vec<Pose2> = goals::read_poses(&problems.join(format!("{name}.goals.txt")))
-        .expect("the goals can be read");
+    let (obstacles, goals) = data::read(problems, name).expect("the problem can be read");
     let planner = Planner::new();
     let config = PlanConfig {
         method,

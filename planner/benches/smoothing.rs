@@ -12,15 +12,19 @@
 )]
 
 use std::collections::BTreeMap;
+use std::error::Error;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use swath_bridge::{GridSpec, Outcome, Pose2, Vehicle, goals, pgm};
+use swath_bridge::{GridSpec, Outcome, Pose2, Vehicle};
 use swath_planner::check::{CheckLimits, Ends, Fault, check_path};
 use swath_planner::smooth::{ObstacleCells, SmoothConfig, SmoothRequest, Smoother};
 use swath_planner::{
     CollisionMap, CpuTimer, MotionModel, PlanConfig, Plane, Planner, TargetPlan, millis,
 };
+
+#[path = "../tests/data/mod.rs"]
+mod data;
 
 const LIMIT_MS: u64 = 300;
 const SPEED_M_PER_S: f64 = 1.4;
@@ -87,20 +91,22 @@ impl Tally {
     }
 }
 
-fn directory() -> PathBuf {
+/// Where problems are, and their names: those of the directory that was given, or the six.
+fn problems() -> Option<(PathBuf, Vec<String>)> {
     let given = std::env::args()
         .skip(1)
         .find(|argument| !argument.starts_with('-'));
-    given.map_or_else(
-        || {
-            let data = std::env::var_os("SWATH_DATA").map_or_else(
-                || PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/../../shared/data")),
-                PathBuf::from,
-            );
-            data.join("problems")
-        },
-        PathBuf::from,
-    )
+    let Some(directory) = given.map(PathBuf::from) else {
+        let names = data::NAMES.map(str::to_owned);
+        return Some((data::problems()?, names.to_vec()));
+    };
+    let entries = std::fs::read_dir(&directory).expect("the directory can be read");
+    let paths = entries.filter_map(|entry| entry.ok().map(|entry| entry.path()));
+    let maps = paths.filter(|path| path.extension().is_some_and(|extension| extension == "pgm"));
+    let names = maps.filter_map(|path| Some(path.file_stem()?.to_string_lossy().into_owned()));
+    let mut names: Vec<String> = names.collect();
+    names.sort();
+    Some((directory, names))
 }
 
 fn from_environment(name: &str, default: f64) -> f64 {
@@ -116,21 +122,23 @@ struct Problem {
 }
 
 impl Problem {
-    fn read(path: &Path, model: &Arc<MotionModel>, speed_m_per_s: f64) -> Option<Self> {
+    fn read(
+        (directory, name): (&Path, &str),
+        model: &Arc<MotionModel>,
+        speed_m_per_s: f64,
+    ) -> Result<Self, Box<dyn Error>> {
         let spec = GridSpec::default();
-        let goals = goals::read_poses(&path.with_extension("goals.txt")).ok()?;
-        let occupancy = pgm::read_map(path, &spec).ok()?;
-        let obstacles = Plane::from_occupancy(&occupancy, 50, false);
-        let map = CollisionMap::new(Arc::clone(model), spec, &obstacles).ok()?;
+        let (obstacles, goals) = data::read(directory, name)?;
+        let map = CollisionMap::new(Arc::clone(model), spec, &obstacles)?;
         let config = PlanConfig {
             speed_m_per_s,
             time_limit_ms: LIMIT_MS,
             ..PlanConfig::default()
         };
-        let mut plans = Planner::new().plan(&map, &goals, None, &config).ok()?;
+        let mut plans = Planner::new().plan(&map, &goals, None, &config)?;
         plans.retain(|plan| plan.result.outcome == Outcome::Solved);
-        Some(Self {
-            cells: ObstacleCells::new(spec, &obstacles).ok()?,
+        Ok(Self {
+            cells: ObstacleCells::new(spec, &obstacles)?,
             obstacles,
             plans,
         })
@@ -182,19 +190,9 @@ impl Problem {
 }
 
 fn main() {
-    let directory = directory();
-    let Ok(entries) = std::fs::read_dir(&directory) else {
-        eprintln!(
-            "SKIPPED: no problems at {}; set SWATH_DATA",
-            directory.display()
-        );
+    let Some((directory, names)) = problems() else {
         return;
     };
-    let paths = entries.filter_map(|entry| entry.ok().map(|entry| entry.path()));
-    let mut paths: Vec<_> = paths
-        .filter(|path| path.extension().is_some_and(|extension| extension == "pgm"))
-        .collect();
-    paths.sort();
     let vehicle = Vehicle::default();
     let model = MotionModel::new(&vehicle, GridSpec::default().resolution_m);
     let model = Arc::new(model.expect("the default vehicle fits the default cells"));
@@ -202,18 +200,16 @@ fn main() {
     let mut smoother = smoother.expect("the default vehicle is one");
     let speed_m_per_s = from_environment("SWATH_SPEED", SPEED_M_PER_S);
     let mut total = Tally::default();
-    for path in &paths {
-        let name = path
-            .file_stem()
-            .unwrap_or_default()
-            .to_string_lossy()
-            .into_owned();
-        let Some(problem) = Problem::read(path, &model, speed_m_per_s) else {
-            eprintln!("{name}: no goals, or not a map of the default size");
-            continue;
+    for name in &names {
+        let problem = match Problem::read((&directory, name), &model, speed_m_per_s) {
+            Ok(problem) => problem,
+            Err(error) => {
+                eprintln!("{name}: {error}");
+                continue;
+            }
         };
         let mut tally = problem.tally(&mut smoother, speed_m_per_s);
-        tally.print(&name);
+        tally.print(name);
         total.add(&tally);
     }
     total.print("all");

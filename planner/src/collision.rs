@@ -45,13 +45,7 @@ impl CollisionMap {
     /// [`Error::Shape`] when plane, grid and model do not fit together.
     pub fn new(model: Arc<MotionModel>, spec: GridSpec, obstacles: &Plane) -> Result<Self, Error> {
         spec.validate()?;
-        if (obstacles.rows(), obstacles.cols()) != (spec.rows, spec.cols) {
-            return Err(Error::Shape {
-                what: "obstacles",
-                got: (obstacles.rows(), obstacles.cols()),
-                wanted: (spec.rows, spec.cols),
-            });
-        }
+        obstacles.check_size("obstacles", &spec)?;
         if (spec.resolution_m - model.resolution_m()).abs() > 1e-9 {
             return Err(Error::ResolutionMismatch {
                 grid_m: spec.resolution_m,

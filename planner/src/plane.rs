@@ -59,6 +59,18 @@ impl Plane {
         plane
     }
 
+    /// Checks that a plane, `what` in the error, is of a grid's size.
+    ///
+    /// # Errors
+    /// [`Error::Shape`] unless it is.
+    pub(crate) fn check_size(&self, what: &'static str, spec: &GridSpec) -> Result<(), Error> {
+        let (got, wanted) = ((self.rows, self.cols), (spec.rows, spec.cols));
+        if got == wanted {
+            return Ok(());
+        }
+        Err(Error::Shape { what, got, wanted })
+    }
+
     /// Number of rows.
     pub const fn rows(&self) -> u32 {
         self.rows
@@ -109,6 +121,18 @@ impl Plane {
     pub fn set(&mut self, cell: Cell) {
         if let Some(index) = self.index_of(cell) {
             self.set_index(index);
+        }
+    }
+
+    /// Calls `each` with the row-major index of every set cell, in order.
+    pub fn each_set(&self, mut each: impl FnMut(usize)) {
+        for (byte, &bits) in self.bits.iter().enumerate() {
+            let mut bits = bits;
+            while bits != 0 {
+                let bit = bits.leading_zeros() as usize;
+                bits &= !(0x80 >> bit);
+                each(byte * 8 + bit);
+            }
         }
     }
 
@@ -203,6 +227,9 @@ mod tests {
         plane.set(Cell::new(0, 0));
         plane.set(Cell::new(1, 4));
         assert_eq!(plane.packed(), [0b1000_0000, 0b0100_0000]);
+        let mut set = Vec::new();
+        plane.each_set(|index| set.push(index));
+        assert_eq!(set, [0, 9]);
         assert_eq!(
             Plane::from_packed(2, 5, plane.packed().to_vec()).unwrap(),
             plane

@@ -68,13 +68,13 @@ pub struct Limits<'a> {
 }
 
 impl Limits<'_> {
-    /// The reason to stop after so many expansions, if there is one; the caller's is asked for now and
-    /// then only.
-    fn reached(&self, steps: u64) -> Option<Outcome> {
+    /// The reason to stop after so many expansions, if there is one; the caller's is asked for once in
+    /// so many only.
+    fn reached(&self, steps: u64, stop_interval: u64) -> Option<Outcome> {
         if self.max_expansions.is_some_and(|most| steps >= most) {
             return Some(Outcome::BudgetExhausted);
         }
-        if steps % SHORT_STOP_INTERVAL == 1 {
+        if steps % stop_interval == 1 {
             self.asked()
         } else {
             None
@@ -151,7 +151,9 @@ pub fn search(
     match Goal::new(map, goal) {
         Ok(goal) => {
             memory.prepare(map.spec(), None)?;
-            Ok(Search::new(map, successors, (goal, region), memory).run(limits))
+            let steps_of = cell_steps(map);
+            let search = Search::new(map, successors, &steps_of, (goal, region), memory);
+            Ok(search.run(limits))
         }
         Err(outcome) => Ok(TargetResult::without_path(outcome, 0)),
     }
@@ -178,7 +180,8 @@ pub fn search_bounded(
                 Bound::Informed => Some(Box::new(TurnBound::new(map, &goal))),
             };
             memory.prepare(map.spec(), turns)?;
-            let search = Search::new(map, successors, (goal, None), memory);
+            let steps_of = cell_steps(map);
+            let search = Search::new(map, successors, &steps_of, (goal, None), memory);
             let bound = target.1;
             Ok(Search { bound, ..search }.run(limits))
         }
@@ -188,15 +191,7 @@ pub fn search_bounded(
 
 fn check_region(map: &CollisionMap, region: Option<WeightedRegion<'_>>) -> Result<(), Error> {
     let Some(region) = region else { return Ok(()) };
-    let wanted = (map.spec().rows, map.spec().cols);
-    let got = (region.cells.rows(), region.cells.cols());
-    if got != wanted {
-        return Err(Error::Shape {
-            what: "region",
-            got,
-            wanted,
-        });
-    }
+    region.cells.check_size("region", map.spec())?;
     if !(region.weight > 0.0 && region.weight <= 1.0) {
         return Err(Error::RegionWeight {
             weight: region.weight,
@@ -236,13 +231,66 @@ fn cell_steps(map: &CollisionMap) -> [CellStep; ACTIONS] {
     steps
 }
 
+/// The vehicle's state before it moves.
+fn start_of(map: &CollisionMap) -> State {
+    let ego = map.spec().index_of(map.spec().ego());
+    State::new(ego.unwrap_or(0), AHEAD)
+}
+
+/// Calls `follow` with the fans of a state's heading and the bits of their actions that are free there.
+#[inline]
+fn each_free_fan(
+    map: &CollisionMap,
+    successors: &Successors,
+    state: State,
+    mut follow: impl FnMut(&Fan, u64),
+) {
+    let cols = map.spec().cols as usize;
+    let (cell, heading) = (
+        (state.cell() / cols, state.cell() % cols),
+        state.direction(),
+    );
+    let reach = successors.reach(heading, |group| map.blocked_turns(group, cell));
+    for fan in successors.fans(heading) {
+        let mut free = fan.allowed & !map.blocked_chords(fan.group, cell);
+        if let Some(reach) = reach {
+            free &= reach.of_group(fan.group);
+        }
+        follow(fan, free);
+    }
+}
+
+/// Calls `each` with where a fan's actions whose bits are set lead, their costs and their numbers.
+#[inline]
+#[expect(clippy::cast_possible_truncation, reason = "there are 368 actions")]
+fn each_step(
+    steps_of: &[CellStep; ACTIONS],
+    from: State,
+    (fan, mut free): (&Fan, u64),
+    mut each: impl FnMut(State, u32, u16),
+) {
+    while free != 0 {
+        let bit = free.trailing_zeros() as usize;
+        free &= free - 1;
+        let action = fan.group * WORD + bit;
+        let step = steps_of[action];
+        // Actions that leave the map are blocked, so this is on it.
+        let cell = from.cell().wrapping_add_signed(step.offset as isize);
+        each(
+            State::new(cell, step.direction),
+            fan.costs[bit],
+            action as u16,
+        );
+    }
+}
+
 struct Search<'a> {
     map: &'a CollisionMap,
     successors: &'a Successors,
     goal: Goal,
     region: Option<WeightedRegion<'a>>,
     bound: Bound,
-    steps_of: [CellStep; ACTIONS],
+    steps_of: &'a [CellStep; ACTIONS],
     memory: &'a mut SearchMemory,
     /// What `follow` has looked up, kept here so that it need not be cleared.
     ways: [Way; WORD],
@@ -253,6 +301,7 @@ impl<'a> Search<'a> {
     fn new(
         map: &'a CollisionMap,
         successors: &'a Successors,
+        steps_of: &'a [CellStep; ACTIONS],
         (goal, region): (Goal, Option<WeightedRegion<'a>>),
         memory: &'a mut SearchMemory,
     ) -> Self {
@@ -262,7 +311,7 @@ impl<'a> Search<'a> {
             goal,
             region,
             bound: Bound::Euclidean,
-            steps_of: cell_steps(map),
+            steps_of,
             memory,
             ways: [Way::default(); WORD],
             steps: 0,
@@ -270,8 +319,7 @@ impl<'a> Search<'a> {
     }
 
     fn run(mut self, limits: Limits<'_>) -> TargetResult {
-        let ego = self.map.spec().index_of(self.map.spec().ego());
-        let start = State::new(ego.unwrap_or(0), AHEAD);
+        let start = start_of(self.map);
         let place = self.place(start);
         self.memory.reach(start, place, 0, Parent::START);
 
@@ -284,7 +332,7 @@ impl<'a> Search<'a> {
             if self.steps == PROOF_AFTER_STEPS && self.is_proved_unreachable() {
                 break;
             }
-            if let Some(outcome) = self.stopped(limits) {
+            if let Some(outcome) = limits.reached(self.steps, STOP_INTERVAL) {
                 return TargetResult::without_path(outcome, self.steps);
             }
         }
@@ -298,29 +346,11 @@ impl<'a> Search<'a> {
             && backward.search(map, successors, goal, MAX_PROOF_STATES) == Finding::Unreachable
     }
 
-    fn stopped(&self, limits: Limits<'_>) -> Option<Outcome> {
-        if limits.max_expansions.is_some_and(|most| self.steps >= most) {
-            return Some(Outcome::BudgetExhausted);
-        }
-        if self.steps % STOP_INTERVAL == 1 {
-            limits.stop.and_then(|ask| ask())
-        } else {
-            None
-        }
-    }
-
     fn expand(&mut self, state: State, cost: u32) {
-        let cols = self.map.spec().cols as usize;
-        let cell = (state.cell() / cols, state.cell() % cols);
-        let (map, successors, heading) = (self.map, self.successors, state.direction());
-        let reach = successors.reach(heading, |group| map.blocked_turns(group, cell));
-        for fan in successors.fans(heading) {
-            let mut free = fan.allowed & !map.blocked_chords(fan.group, cell);
-            if let Some(reach) = reach {
-                free &= reach.of_group(fan.group);
-            }
+        let (map, successors) = (self.map, self.successors);
+        each_free_fan(map, successors, state, |fan, free| {
             self.follow(state, cost, (fan, free));
-        }
+        });
     }
 
     /// Follows the actions of a fan whose bits are set.
@@ -328,26 +358,19 @@ impl<'a> Search<'a> {
     /// First all places are looked up and then all costs compared, so that the loads, most of which
     /// miss the caches, do not wait for one another's comparison.
     #[inline]
-    #[expect(clippy::cast_possible_truncation, reason = "there are 368 actions")]
-    fn follow(&mut self, from: State, cost: u32, (fan, mut free): (&Fan, u64)) {
+    fn follow(&mut self, from: State, cost: u32, free: (&Fan, u64)) {
         let mut count = 0;
-        while free != 0 {
-            let bit = free.trailing_zeros() as usize;
-            free &= free - 1;
-            let action = fan.group * WORD + bit;
-            let step = self.steps_of[action];
-            // Actions that leave the map are blocked, so this is on it.
-            let cell = from.cell().wrapping_add_signed(step.offset as isize);
-            let to = State::new(cell, step.direction);
+        let steps_of = self.steps_of;
+        each_step(steps_of, from, free, |to, step, action| {
             let place = self.place(to);
             let way = &mut self.ways[count];
             way.to = to;
             way.place = place;
             way.known_cost = self.memory.cost(place);
-            way.step = fan.costs[bit];
-            way.action = action as u16;
+            way.step = step;
+            way.action = action;
             count += 1;
-        }
+        });
         for way in &self.ways[..count] {
             let step = match self.region {
                 Some(region) if self.memory.is_inside(way.to.cell()) => {

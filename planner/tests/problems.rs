@@ -1,48 +1,21 @@
 //! The six real problems: every path of both methods starts at the vehicle, ends at its goal and hits
 //! nothing, by a checker that shares no code with the planner.
 
-use std::path::PathBuf;
 use std::sync::Arc;
 
-use swath_bridge::{Cell, GridSpec, Outcome, Pose2, Vehicle, goals, pgm};
+use swath_bridge::{Cell, GridSpec, Outcome, Pose2, Vehicle};
 use swath_planner::check::{CheckLimits, Ends, check_path};
 use swath_planner::search::TargetResult;
 use swath_planner::smooth::{ObstacleCells, SmoothConfig, SmoothRequest, Smoother};
 use swath_planner::{CollisionMap, MotionModel, PlanConfig, Plane, Planner, TargetPlan};
 
-const NAMES: [&str; 6] = [
-    "s_road",
-    "traffic",
-    "left_turn",
-    "parking",
-    "clutter",
-    "slalom",
-];
+mod data;
+
 /// Expansions for one target; enough for most that can be reached.
 const MAX_EXPANSIONS: u64 = 40_000;
 /// Farthest that two tested poses lie apart.
 const TESTED_M: f64 = 0.1;
 const TESTED_RAD: f64 = 2.0 * std::f64::consts::PI / 180.0;
-
-/// The directory of the problems, if there is one.
-fn problems() -> Option<PathBuf> {
-    let data = std::env::var_os("SWATH_DATA").map_or_else(
-        || PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/../../shared/data")),
-        PathBuf::from,
-    );
-    let problems = data.join("problems");
-    if problems.is_dir() {
-        return Some(problems);
-    }
-    #[expect(clippy::print_stderr, reason = "a skipped test says so")]
-    {
-        eprintln!(
-            "SKIPPED: no problems at {}; set SWATH_DATA",
-            problems.display()
-        );
-    }
-    None
-}
 
 /// The angle from one to another, radians in [-π, π].
 fn turn_rad(from: f64, to: f64) -> f64 {
@@ -204,7 +177,9 @@ fn the_checker_sees_what_stands_inside_beside_and_before_the_vehicle() {
 
 #[test]
 fn every_path_on_the_problems_passes_the_checker() {
-    let Some(problems) = problems() else { return };
+    let Some(problems) = data::problems() else {
+        return;
+    };
     let spec = GridSpec::default();
     let vehicle = Vehicle::default();
     let model = MotionModel::new(&vehicle, spec.resolution_m);
@@ -215,15 +190,12 @@ fn every_path_on_the_problems_passes_the_checker() {
         ..PlanConfig::default()
     };
     let (mut paths, mut drivable) = (0, 0);
-    for name in NAMES {
-        let occupancy = pgm::read_map(&problems.join(format!("{name}.pgm")), &spec);
-        let occupancy = occupancy.expect("the map can be read");
-        let goals = goals::read_poses(&problems.join(format!("{name}.goals.txt")));
-        let goals = goals.expect("the goals can be read");
+    for name in data::NAMES {
+        let (obstacles, goals) = data::read(&problems, name).expect("the problem can be read");
         let checker = Checker {
             spec,
             vehicle,
-            obstacles: Plane::from_occupancy(&occupancy, 50, false),
+            obstacles,
         };
         let map = CollisionMap::new(Arc::clone(&model), spec, &checker.obstacles)
             .expect("the map is of the default size");

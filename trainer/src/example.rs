@@ -175,20 +175,15 @@ pub(crate) const fn mirrored_pose(pose: &Pose2) -> Pose2 {
 pub(crate) fn mirrored(plane: &Plane, about_col: u32) -> Plane {
     let mut mirror = Plane::empty(plane.rows(), plane.cols());
     let cols = plane.cols() as usize;
-    for (byte, &bits) in plane.packed().iter().enumerate() {
-        let mut bits = bits;
-        while bits != 0 {
-            let bit = bits.leading_zeros() as usize;
-            bits &= !(0x80 >> bit);
-            let (row, col) = ((byte * 8 + bit) / cols, (byte * 8 + bit) % cols);
-            if let Some(col) = (2 * about_col as usize)
-                .checked_sub(col)
-                .filter(|&col| col < cols)
-            {
-                mirror.set_index(row * cols + col);
-            }
+    plane.each_set(|index| {
+        let (row, col) = (index / cols, index % cols);
+        if let Some(col) = (2 * about_col as usize)
+            .checked_sub(col)
+            .filter(|&col| col < cols)
+        {
+            mirror.set_index(row * cols + col);
         }
-    }
+    });
     mirror
 }
 

@@ -150,12 +150,10 @@ pub fn ranking(network: &Network, examples: &[Example]) -> Result<Option<Ranking
 /// Distance from the goal to the nearest obstacle.
 fn clearance_m(example: &Example) -> f64 {
     let mut least = MOST_CLEARANCE_M;
-    for index in 0..example.obstacles.len() {
-        if example.obstacles.get_index(index) {
-            let (x_m, y_m) = example.spec.centre_of(example.spec.cell_of_index(index));
-            least = least.min(libm::hypot(x_m - example.goal.x_m, y_m - example.goal.y_m));
-        }
-    }
+    example.obstacles.each_set(|index| {
+        let (x_m, y_m) = example.spec.centre_of(example.spec.cell_of_index(index));
+        least = least.min(libm::hypot(x_m - example.goal.x_m, y_m - example.goal.y_m));
+    });
     least
 }
 

@@ -171,17 +171,11 @@ impl DiscWays {
         let reach = (disc.radius_m - 0.5 * cells.side_m).max(0.0) / cells.side_m;
         let around = around(&cells, reach);
         let cols = obstacles.cols() as usize;
-        for (byte, &bits) in obstacles.packed().iter().enumerate() {
-            let mut bits = bits;
-            while bits != 0 {
-                let bit = bits.leading_zeros() as usize;
-                bits &= !(0x80 >> bit);
-                let cell = byte * 8 + bit;
-                let row = cell / cols / cells.shrink + BORDER;
-                let col = cell % cols / cells.shrink + BORDER;
-                self.blocked[row * cells.cols + col] = true;
-            }
-        }
+        obstacles.each_set(|cell| {
+            let row = cell / cols / cells.shrink + BORDER;
+            let col = cell % cols / cells.shrink + BORDER;
+            self.blocked[row * cells.cols + col] = true;
+        });
         self.grow(&around);
         for row in 0..cells.rows {
             for col in 0..cells.cols {

@@ -113,9 +113,7 @@ pub(super) fn write(
     let drive = Course::new(open_drive(goal, radius_m));
     let way = ways.to(goal);
     let is_reached = f32::from(u8::from(way.is_some()));
-    let way = Course::new(along(
-        &way.unwrap_or_else(|| vec![(0.0, 0.0), (goal.x_m, goal.y_m)]),
-    ));
+    let way = Course::new(way.map_or_else(|| straight(goal), |corners| along(&corners)));
     let places: Vec<(f32, f32)> = pixels.centres().collect();
     let (mut driven, mut ways) = (Vec::new(), Vec::new());
     compiled_for(Isa::detect(), || {
@@ -126,14 +124,17 @@ pub(super) fn write(
     let (sin, cos) = libm::sincos(goal.yaw_rad);
     let (sin, cos) = (sin as f32, cos as f32);
     let reach = libm::hypotf(goal_x, goal_y).max(1.0);
-    let length = drive.stations.len() as f32 * DRIVE_STEP_M as f32;
-    let detour = (length / reach - 1.0).clamp(0.0, 3.0);
-    let way_length = way.stations.len() as f32 * DRIVE_STEP_M as f32;
-    let way_detour = (way_length / reach - 1.0).clamp(0.0, 3.0);
+    let detour = |course: &Course| {
+        let length = course.stations.len() as f32 * DRIVE_STEP_M as f32;
+        (length / reach - 1.0).clamp(0.0, 3.0)
+    };
+    let (drive_detour, way_detour) = (detour(&drive), detour(&way));
     let pixels = places.iter().zip(driven.iter().zip(&ways));
     for (to, (&(x, y), (driven, way))) in features.chunks_exact_mut(GOAL_FEATURES).zip(pixels) {
         let (dx, dy) = (x - goal_x, y - goal_y);
         let squared = dx * dx + dy * dy;
+        let [drive_across, drive_bell, drive_cos, drive_sin, drive_at] = driven.features();
+        let [way_across, way_bell, way_cos, way_sin, way_at] = way.features();
         to.copy_from_slice(&[
             (dx * cos + dy * sin) / LENGTH_SCALE_M,
             (dy * cos - dx * sin) / WIDTH_SCALE_M,
@@ -150,17 +151,17 @@ pub(super) fn write(
             // Beside and along the straight line from the vehicle to the goal.
             (goal_x * y - goal_y * x) / (reach * WIDTH_SCALE_M),
             ((goal_x * x + goal_y * y) / (reach * reach)).clamp(-1.0, 2.0),
-            driven.across_m.clamp(-DRIVE_REACH_M, DRIVE_REACH_M) / DRIVE_REACH_M,
-            bell(driven.squared, DRIVE_BELL_M),
-            driven.station.cos,
-            driven.station.sin,
-            driven.at_m / LENGTH_SCALE_M,
-            detour,
-            way.across_m.clamp(-DRIVE_REACH_M, DRIVE_REACH_M) / DRIVE_REACH_M,
-            bell(way.squared, DRIVE_BELL_M),
-            way.station.cos,
-            way.station.sin,
-            way.at_m / LENGTH_SCALE_M,
+            drive_across,
+            drive_bell,
+            drive_cos,
+            drive_sin,
+            drive_at,
+            drive_detour,
+            way_across,
+            way_bell,
+            way_cos,
+            way_sin,
+            way_at,
             way_detour,
             is_reached,
         ]);
@@ -170,20 +171,16 @@ pub(super) fn write(
 /// The course in the open, or the straight line where that winds too much. Never empty.
 fn open_drive(goal: &Pose2, radius_m: f64) -> Vec<Station> {
     let origin = Pose2::default();
-    let mut poses = shortest_path(&origin, goal, radius_m, DRIVE_STEP_M);
+    let poses = shortest_path(&origin, goal, radius_m, DRIVE_STEP_M);
     if poses.is_empty() || poses.len() > MAX_DRIVE_POSES {
-        let yaw_rad = libm::atan2(goal.y_m, goal.x_m);
-        let reach_m = goal.distance_m(&origin);
-        let steps = (reach_m / DRIVE_STEP_M).ceil().clamp(1.0, 200.0);
-        let mut step = 0.0;
-        poses.clear();
-        while step <= steps {
-            let share = step / steps;
-            poses.push(Pose2::new(goal.x_m * share, goal.y_m * share, yaw_rad));
-            step += 1.0;
-        }
+        return straight(goal);
     }
     poses.iter().map(Station::at).collect()
+}
+
+/// The straight line to the goal.
+fn straight(goal: &Pose2) -> Vec<Station> {
+    along(&[(0.0, 0.0), (goal.x_m, goal.y_m)])
 }
 
 /// Poses along the line through some corners, from the first to the last.
@@ -221,6 +218,19 @@ struct Nearest {
     across_m: f32,
     /// Along the drive, metres.
     at_m: f32,
+}
+
+impl Nearest {
+    /// Across, close by, the course's direction, and how far along.
+    fn features(&self) -> [f32; 5] {
+        [
+            self.across_m.clamp(-DRIVE_REACH_M, DRIVE_REACH_M) / DRIVE_REACH_M,
+            bell(self.squared, DRIVE_BELL_M),
+            self.station.cos,
+            self.station.sin,
+            self.at_m / LENGTH_SCALE_M,
+        ]
+    }
 }
 
 /// Stations, and where they are, `LANES` at a time.

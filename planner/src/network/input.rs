@@ -115,15 +115,7 @@ impl Encoding {
     /// # Errors
     /// [`Error::Shape`] unless it is.
     pub fn check(&self, plane: &Plane) -> Result<(), Error> {
-        let wanted = (self.spec.rows, self.spec.cols);
-        if (plane.rows(), plane.cols()) == wanted {
-            return Ok(());
-        }
-        Err(Error::Shape {
-            what: "plane for the network",
-            got: (plane.rows(), plane.cols()),
-            wanted,
-        })
+        plane.check_size("plane for the network", &self.spec)
     }
 
     /// Writes one input: the planes, channels innermost, then what describes the goal.
@@ -172,14 +164,7 @@ impl Encoding {
             .enumerate()
         {
             self.check(plane)?;
-            for (byte, &bits) in plane.packed().iter().enumerate() {
-                let mut bits = bits;
-                while bits != 0 {
-                    let bit = bits.leading_zeros() as usize;
-                    bits &= !(0x80 >> bit);
-                    set(byte * 8 + bit, channel);
-                }
-            }
+            plane.each_set(|cell| set(cell, channel));
         }
         let vehicle = Pose2::default();
         let middle = match self.architecture {

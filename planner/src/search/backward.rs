@@ -10,7 +10,7 @@ use swath_bridge::Cell;
 
 use super::goal::Goal;
 use super::memory::State;
-use crate::action::AHEAD;
+use super::start_of;
 use crate::collision::CollisionMap;
 use crate::motion::{Preceding, Side, Successors};
 
@@ -51,7 +51,7 @@ impl Backward {
         for state in goal.states() {
             self.add(state.cell(), bit_of(state.direction()));
         }
-        let start = map.spec().index_of(map.spec().ego()).unwrap_or(0);
+        let start = start_of(map);
         let mut states = 0;
         while let Some(state) = self.open.pop() {
             if states == max_states {
@@ -59,7 +59,7 @@ impl Backward {
             }
             states += 1;
             self.expand(map, successors, state);
-            if self.reaching[start][0] & bit_of(AHEAD)[0] != 0 {
+            if self.reaching[start.cell()][0] & bit_of(start.direction())[0] != 0 {
                 return Finding::Reachable;
             }
         }

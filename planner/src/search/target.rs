@@ -20,7 +20,7 @@ use super::goal::Goal;
 use super::memory::{Parent, Place, State};
 use super::tree::{About, Stage, Tree, Weights};
 use super::trunk::Trunk;
-use super::{CellStep, Limits, TargetResult, floor_units, path};
+use super::{CellStep, Limits, SHORT_STOP_INTERVAL, TargetResult, floor_units, path};
 use crate::action::{ACTIONS, AHEAD, DIRECTIONS};
 use crate::collision::{CollisionMap, WORD};
 use crate::motion::{Side, Successors};
@@ -125,7 +125,7 @@ impl<'a> Search<'a> {
             if self.best.is_some_and(|(cost, _)| key >= cost) {
                 break;
             }
-            if let Some(outcome) = limits.reached(self.steps) {
+            if let Some(outcome) = limits.reached(self.steps, SHORT_STOP_INTERVAL) {
                 return End::Limit(outcome, self.steps);
             }
             self.tree.set_stage(place, Stage::Expanded);
@@ -258,14 +258,9 @@ impl<'a> Search<'a> {
         if let Some(far) = trunk.far_cost(to) {
             self.meet(to, cost.saturating_add(far));
         }
-        let stage = self.tree.stage(place);
-        let key = self.weights.key(cost, rest, stage);
-        if stage == Stage::Expanded {
-            self.tree.set_stage(place, Stage::Improved);
-        }
-        if self.best.is_none_or(|(best, _)| key < best) {
-            self.tree.push(to, key);
-        }
+        let best = self.best.map(|(best, _)| best);
+        self.tree
+            .enqueue((to, place), self.weights, (cost, rest), best);
     }
 
     /// Takes note of a path through a state.

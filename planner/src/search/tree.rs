@@ -171,6 +171,26 @@ impl Tree {
         self.parents[place.0 as usize] = parent;
     }
 
+    /// Puts a state that was improved on the open list, unless its key says that it does not lead to
+    /// anything below `best`. From it at least `rest` is to come.
+    #[inline]
+    pub(super) fn enqueue(
+        &mut self,
+        (state, place): (State, Place),
+        weights: Weights,
+        (cost, rest): (u32, u32),
+        best: Option<u32>,
+    ) {
+        let stage = self.stage(place);
+        let key = weights.key(cost, rest, stage);
+        if stage == Stage::Expanded {
+            self.set_stage(place, Stage::Improved);
+        }
+        if best.is_none_or(|best| key < best) {
+            self.push(state, key);
+        }
+    }
+
     #[inline]
     pub(super) fn push(&mut self, state: State, key: u32) {
         self.open.push(u64::from(key) << 32 | u64::from(state.0));

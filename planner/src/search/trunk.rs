@@ -7,9 +7,9 @@
 use super::goal::Goal;
 use super::memory::{Parent, State};
 use super::tree::{About, Stage, Tree};
-use super::{CellStep, Way, cell_steps};
+use super::{CellStep, Way, cell_steps, each_free_fan, each_step, start_of};
 use crate::Error;
-use crate::action::{ACTIONS, AHEAD};
+use crate::action::ACTIONS;
 use crate::collision::{CollisionMap, WORD};
 use crate::motion::{Fan, Successors};
 
@@ -49,8 +49,7 @@ impl Trunk {
         self.is_spread = false;
         self.steps = 0;
         self.radius = u32::MAX;
-        let ego = map.spec().index_of(map.spec().ego()).unwrap_or(0);
-        let start = State::new(ego, AHEAD);
+        let start = start_of(map);
         let place = self.tree.place(start, |_| About::default());
         self.tree.improve(place, 0, Parent::START);
         self.tree.push(start, 0);
@@ -195,51 +194,35 @@ impl<'a> Expander<'a> {
 
     /// Reaches what follows a state, as far as it is `wanted`.
     fn expand(&mut self, tree: &mut Tree, state: State, wanted: impl Fn(State) -> bool) {
-        let cols = self.map.spec().cols as usize;
-        let cell = (state.cell() / cols, state.cell() % cols);
-        let (map, successors, heading) = (self.map, self.successors, state.direction());
         let cost = tree.find(state).map_or(u32::MAX, |place| tree.cost(place));
-        let reach = successors.reach(heading, |group| map.blocked_turns(group, cell));
-        for fan in successors.fans(heading) {
-            let mut free = fan.allowed & !map.blocked_chords(fan.group, cell);
-            if let Some(reach) = reach {
-                free &= reach.of_group(fan.group);
-            }
+        each_free_fan(self.map, self.successors, state, |fan, free| {
             self.follow(tree, (state, cost), (fan, free), &wanted);
-        }
+        });
     }
 
     #[inline]
-    #[expect(clippy::cast_possible_truncation, reason = "there are 368 actions")]
     fn follow(
         &mut self,
         tree: &mut Tree,
         (from, cost): (State, u32),
-        (fan, mut free): (&Fan, u64),
+        free: (&Fan, u64),
         wanted: &impl Fn(State) -> bool,
     ) {
         let mut count = 0;
-        while free != 0 {
-            let bit = free.trailing_zeros() as usize;
-            free &= free - 1;
-            let action = fan.group * WORD + bit;
-            let step = self.steps_of[action];
-            // Actions that leave the map are blocked, so this is on it.
-            let cell = from.cell().wrapping_add_signed(step.offset as isize);
-            let to = State::new(cell, step.direction);
+        each_step(&self.steps_of, from, free, |to, step, action| {
             if !wanted(to) {
-                continue;
+                return;
             }
             let place = tree.place(to, |_| About::default());
             self.ways[count] = Way {
                 to,
                 place,
                 known_cost: tree.cost(place),
-                step: fan.costs[bit],
-                action: action as u16,
+                step,
+                action,
             };
             count += 1;
-        }
+        });
         for way in &self.ways[..count] {
             let cost = cost.saturating_add(way.step);
             if cost < way.known_cost {

@@ -13,11 +13,11 @@ use super::goal::Goal;
 use super::memory::{Parent, Place, State};
 use super::tree::{About, Stage, Tree, Weights};
 use super::{
-    CellStep, Limits, MAX_PROOF_STATES, PROOF_AFTER_STEPS, TargetResult, Way, cell_steps,
-    floor_units, path,
+    CellStep, Limits, MAX_PROOF_STATES, PROOF_AFTER_STEPS, SHORT_STOP_INTERVAL, TargetResult, Way,
+    cell_steps, each_free_fan, each_step, floor_units, path, start_of,
 };
 use crate::Error;
-use crate::action::{ACTIONS, AHEAD};
+use crate::action::ACTIONS;
 use crate::collision::{CollisionMap, WORD};
 use crate::motion::{Fan, Successors};
 
@@ -51,7 +51,7 @@ pub fn search_weighted(
         turns: TurnBound::new(map, &goal),
         goal,
         weights: Weights::new(epsilon, epsilon),
-        steps_of: cell_steps(map),
+        steps_of: &cell_steps(map),
         tree: &mut memory.tree,
         ways: [Way::default(); WORD],
         best: None,
@@ -66,7 +66,7 @@ struct Search<'a> {
     goal: Goal,
     turns: TurnBound,
     weights: Weights,
-    steps_of: [CellStep; ACTIONS],
+    steps_of: &'a [CellStep; ACTIONS],
     tree: &'a mut Tree,
     ways: [Way; WORD],
     /// The cheapest state that reaches the goal, and its cost.
@@ -76,8 +76,7 @@ struct Search<'a> {
 
 impl Search<'_> {
     fn run(mut self, limits: Limits<'_>, backward: &mut Backward) -> TargetResult {
-        let ego = self.map.spec().index_of(self.map.spec().ego());
-        let start = State::new(ego.unwrap_or(0), AHEAD);
+        let start = start_of(self.map);
         let place = self.place(start);
         self.reach(start, place, (0, Parent::START));
         while let Some((state, place, key)) = self.tree.pop() {
@@ -94,7 +93,7 @@ impl Search<'_> {
                     break;
                 }
             }
-            if let Some(outcome) = limits.reached(self.steps) {
+            if let Some(outcome) = limits.reached(self.steps, SHORT_STOP_INTERVAL) {
                 return TargetResult::without_path(outcome, self.steps);
             }
         }
@@ -106,43 +105,29 @@ impl Search<'_> {
     }
 
     fn expand(&mut self, state: State, cost: u32) {
-        let cols = self.map.spec().cols as usize;
-        let cell = (state.cell() / cols, state.cell() % cols);
-        let (map, successors, heading) = (self.map, self.successors, state.direction());
-        let reach = successors.reach(heading, |group| map.blocked_turns(group, cell));
-        for fan in successors.fans(heading) {
-            let mut free = fan.allowed & !map.blocked_chords(fan.group, cell);
-            if let Some(reach) = reach {
-                free &= reach.of_group(fan.group);
-            }
+        let (map, successors) = (self.map, self.successors);
+        each_free_fan(map, successors, state, |fan, free| {
             self.follow(state, cost, (fan, free));
-        }
+        });
     }
 
     /// Follows the actions of a fan whose bits are set: first all places are looked up, so that these
     /// loads do not wait for one another's comparison.
     #[inline]
-    #[expect(clippy::cast_possible_truncation, reason = "there are 368 actions")]
-    fn follow(&mut self, from: State, cost: u32, (fan, mut free): (&Fan, u64)) {
+    fn follow(&mut self, from: State, cost: u32, free: (&Fan, u64)) {
         let mut count = 0;
-        while free != 0 {
-            let bit = free.trailing_zeros() as usize;
-            free &= free - 1;
-            let action = fan.group * WORD + bit;
-            let step = self.steps_of[action];
-            // Actions that leave the map are blocked, so this is on it.
-            let cell = from.cell().wrapping_add_signed(step.offset as isize);
-            let to = State::new(cell, step.direction);
+        let steps_of = self.steps_of;
+        each_step(steps_of, from, free, |to, step, action| {
             let place = self.place(to);
             self.ways[count] = Way {
                 to,
                 place,
                 known_cost: self.tree.cost(place),
-                step: fan.costs[bit],
-                action: action as u16,
+                step,
+                action,
             };
             count += 1;
-        }
+        });
         for index in 0..count {
             let way = self.ways[index];
             let cost = cost.saturating_add(way.step);
@@ -167,14 +152,9 @@ impl Search<'_> {
         if rest == 0 && self.goal.accepts(to) && self.best.is_none_or(|(best, _)| cost < best) {
             self.best = Some((cost, to));
         }
-        let stage = self.tree.stage(place);
-        let key = self.weights.key(cost, rest, stage);
-        if stage == Stage::Expanded {
-            self.tree.set_stage(place, Stage::Improved);
-        }
-        if self.best.is_none_or(|(best, _)| key < best) {
-            self.tree.push(to, key);
-        }
+        let best = self.best.map(|(best, _)| best);
+        self.tree
+            .enqueue((to, place), self.weights, (cost, rest), best);
     }
 }
 

@@ -24,27 +24,14 @@ impl ObstacleCells {
     /// [`Error::Shape`] if the plane is not of the grid's size, [`Error::Bridge`] if the grid is none.
     pub fn new(spec: GridSpec, obstacles: &Plane) -> Result<Self, Error> {
         spec.validate()?;
-        let (got, wanted) = ((obstacles.rows(), obstacles.cols()), (spec.rows, spec.cols));
-        if got != wanted {
-            return Err(Error::Shape {
-                what: "obstacles",
-                got,
-                wanted,
-            });
-        }
+        obstacles.check_size("obstacles", &spec)?;
         let (rows, cols) = (spec.rows as usize, spec.cols as usize);
         let row_words = cols.div_ceil(WORD);
         let mut occupied = vec![0u64; rows * row_words];
-        for (byte_index, &byte) in obstacles.packed().iter().enumerate() {
-            let mut left = byte;
-            while left != 0 {
-                let bit = left.leading_zeros();
-                left &= !(0x80 >> bit);
-                let index = byte_index * 8 + bit as usize;
-                let (row, col) = (index / cols, index % cols);
-                occupied[row * row_words + col / WORD] |= 1 << (col % WORD);
-            }
-        }
+        obstacles.each_set(|index| {
+            let (row, col) = (index / cols, index % cols);
+            occupied[row * row_words + col / WORD] |= 1 << (col % WORD);
+        });
         let border = border(&occupied, row_words);
         Ok(Self {
             spec,
