@@ -5,8 +5,10 @@ use std::path::PathBuf;
 use std::str::FromStr;
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
-use swath_planner::Method;
 use swath_planner::network::Architecture;
+use swath_planner::{Method, PlanConfig};
+
+use crate::config::Config;
 
 /// Learns the strip of ground a path will take, and plans through it.
 ///
@@ -319,15 +321,18 @@ pub(crate) struct PlanOptions {
     /// Speed, which limits turns; a node follows the odometry
     #[arg(long, value_name = "M_PER_S")]
     pub(crate) speed: Option<f64>,
-    /// Method [default: tiev-fcn where the network fits, else tiev]
-    #[arg(long, value_parser = parse_method)]
+    /// Method: tiev, tiev-fcn (in the regions of a network), weighted or swath [default: swath]
+    #[arg(long, value_parser = parse_method, value_name = "METHOD")]
     pub(crate) method: Option<Method>,
-    /// Weights of the network (safetensors) [default: those that come with swath]
+    /// Weights of the network (safetensors), for tiev-fcn [default: those that come with swath]
     #[arg(long, value_name = "FILE")]
     pub(crate) weights: Option<PathBuf>,
-    /// Most time for one target's search; 0 for no limit [default: 0 on a map, 100 as a node]
+    /// Most time for one target's search; 0 for no limit; not for swath [default: 0]
     #[arg(long, value_name = "N")]
     pub(crate) time_limit_ms: Option<u64>,
+    /// Most time for all targets of a frame; 0 for no limit [default: 0 on a map, 100 as a node]
+    #[arg(long, value_name = "N")]
+    pub(crate) deadline_ms: Option<u64>,
     /// Write the plans as JSON to a file, or to standard output for -
     #[arg(long, value_name = "FILE")]
     pub(crate) json: Option<PathBuf>,
@@ -337,6 +342,20 @@ pub(crate) struct PlanOptions {
     /// Name of the vehicle to plan for, as a node
     #[arg(long, default_value = "v0", value_name = "NAME")]
     pub(crate) vehicle: String,
+}
+
+impl PlanOptions {
+    /// How to plan: what the configuration says, unless it is said here.
+    pub(crate) fn plan_config(&self, config: &Config) -> PlanConfig {
+        let plan = &config.plan;
+        PlanConfig {
+            method: self.method.unwrap_or(plan.method),
+            speed_m_per_s: self.speed.unwrap_or(plan.speed_m_per_s),
+            time_limit_ms: self.time_limit_ms.unwrap_or(plan.time_limit_ms),
+            frame_deadline_ms: self.deadline_ms.unwrap_or(plan.frame_deadline_ms),
+            ..*plan
+        }
+    }
 }
 
 fn parse_method(name: &str) -> Result<Method, String> {

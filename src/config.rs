@@ -7,6 +7,7 @@ use serde::{Deserialize, Serialize};
 use swath_bridge::ingest::IngestConfig;
 use swath_bridge::{GridSpec, Vehicle};
 use swath_generator::GeneratorConfig;
+use swath_planner::node::FollowConfig;
 use swath_planner::{ObstacleConfig, PlanConfig, TargetConfig};
 use swath_trainer::TrainConfig;
 
@@ -27,6 +28,8 @@ pub(crate) struct Config {
     pub(crate) targets: TargetConfig,
     /// How frames are planned.
     pub(crate) plan: PlanConfig,
+    /// How a planner node chooses and keeps up a path.
+    pub(crate) follow: FollowConfig,
     /// How networks are trained; what the command line says comes first.
     pub(crate) train: TrainConfig,
     /// How logs become grids; vehicle and grid are those above.
@@ -52,6 +55,7 @@ impl Config {
         let config: Self = toml::from_str(&text).with_context(context)?;
         config.vehicle.validate().with_context(context)?;
         config.grid.validate().with_context(context)?;
+        config.follow.validate().with_context(context)?;
         config.ingest().validate().with_context(context)?;
         config.generator().validate().with_context(context)?;
         Ok(config)

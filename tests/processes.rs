@@ -19,7 +19,8 @@ use swath_bridge::{
 use swath_planner::network::Network;
 use swath_planner::report::path_message;
 use swath_planner::{
-    FrameInput, FramePlanner, MotionModel, ObstacleConfig, PlanConfig, TargetConfig, sample_targets,
+    FrameInput, FramePlanner, Method, MotionModel, ObstacleConfig, PlanConfig, Start, TargetConfig,
+    sample_targets,
 };
 
 mod nodes;
@@ -95,8 +96,10 @@ impl Surroundings {
             obstacles: &obstacles,
             reference: &self.reference,
             goals: &goals,
+            start: Start::default(),
         };
         let config = PlanConfig {
+            method: Method::TievFcn,
             speed_m_per_s: SPEED_M_PER_S,
             ..PlanConfig::default()
         };
@@ -206,7 +209,8 @@ async fn all_together(folder: &Path) {
         ]
         .concat(),
     );
-    let planner = start(&["plan", "--time-limit-ms", "0"]);
+    let in_regions = ["--method", "tiev-fcn", "--deadline-ms", "0"];
+    let planner = start(&[&["plan"][..], &in_regions].concat());
     let generators = ["a", "b"].map(|id| start(&["generate", "--id", id, "--workers", "1"]));
 
     hear_two_generators(&session).await;
@@ -214,7 +218,7 @@ async fn all_together(folder: &Path) {
     for node in generators.into_iter().chain([trainer]) {
         assert!(node.stop().success());
     }
-    let late = start(&["plan", "--vehicle", "late", "--time-limit-ms", "0"]);
+    let late = start(&[&["plan", "--vehicle", "late"][..], &in_regions].concat());
     plan_late(&session, &train.join("weights.safetensors"), newest).await;
     for node in [late, planner, recorder] {
         assert!(node.stop().success());

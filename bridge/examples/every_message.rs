@@ -269,11 +269,13 @@ fn target(outcome: Outcome) -> TargetPlan {
         length_m: if solved { 20.1 } else { f64::NAN },
         steps: u64::MAX,
         time_ms: 3.7,
+        drivability: u8::from(solved),
         path: if solved {
             vec![planar(0.0), planar(0.2)]
         } else {
             Vec::new()
         },
+        curvature_per_m: if solved { vec![0.0, -0.15] } else { Vec::new() },
     }
 }
 
@@ -294,8 +296,12 @@ fn plans(out: &mut Out) -> Result<(), Box<dyn Error>> {
         search_ms: 7.25,
         cpu_ms: 30.0,
         total_ms: 19.75,
+        smooth_ms: 2.5,
+        deadline_ms: 100.0,
         latency_ms: 21.0,
         grids_skipped: 2,
+        start: planar(0.4),
+        chosen: 0,
         targets: vec![target(Outcome::Solved), target(Outcome::GoalOccupied)],
     })
 }

@@ -11,7 +11,7 @@ use std::sync::Arc;
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
 use swath_bridge::{GridSpec, Pose2, Vehicle};
 use swath_planner::search::{Limits, SearchMemory, search};
-use swath_planner::{CollisionMap, MotionModel, PlanConfig, Planner};
+use swath_planner::{CollisionMap, Method, MotionModel, PlanConfig, Planner};
 
 /// Enough for most targets; the others count too, up to here.
 const LIMITS: Limits<'_> = Limits {
@@ -80,6 +80,7 @@ fn fifty_targets(criterion: &mut Criterion) {
     let model = model();
     let planner = Planner::new();
     let config = PlanConfig {
+        method: Method::Tiev,
         speed_m_per_s: SPEED_M_PER_S,
         max_expansions: 60_000,
         ..PlanConfig::default()

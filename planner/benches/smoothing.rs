@@ -20,7 +20,7 @@ use swath_bridge::{GridSpec, Outcome, Pose2, Vehicle};
 use swath_planner::check::{CheckLimits, Ends, Fault, check_path};
 use swath_planner::smooth::{ObstacleCells, SmoothConfig, SmoothRequest, Smoother};
 use swath_planner::{
-    CollisionMap, CpuTimer, MotionModel, PlanConfig, Plane, Planner, TargetPlan, millis,
+    CollisionMap, CpuTimer, Method, MotionModel, PlanConfig, Plane, Planner, TargetPlan, millis,
 };
 
 #[path = "../tests/data/mod.rs"]
@@ -132,6 +132,7 @@ impl Problem {
         let map = CollisionMap::new(Arc::clone(model), spec, &obstacles)?;
         let config = PlanConfig {
             speed_m_per_s,
+            method: Method::Tiev,
             time_limit_ms: LIMIT_MS,
             ..PlanConfig::default()
         };
@@ -154,6 +155,7 @@ impl Problem {
                 goal: plan.goal,
                 speed_m_per_s,
                 start_curvature_per_m: Some(0.0),
+                stop: None,
             };
             let mut least_ms = f64::INFINITY;
             for _ in 0..REPETITIONS {

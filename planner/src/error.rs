@@ -40,6 +40,16 @@ pub enum Error {
         /// Targets that there are.
         goals: usize,
     },
+    /// A setting of following paths is out of its range.
+    #[error("follow.{field} is {value}, expected 0 to {most}")]
+    FollowConfig {
+        /// Which.
+        field: &'static str,
+        /// What it is.
+        value: f64,
+        /// Most that it may be.
+        most: f64,
+    },
     /// Cells are too small for the vehicle, or not positive.
     #[error(
         "a vehicle that reaches {vehicle_m:.2} m on cells of {resolution_m} m: expected at most 400 cells"

@@ -1,4 +1,12 @@
-//! One frame from obstacles to plans: regions from the network, then a search to each target.
+//! One frame from obstacles to plans: regions from the network where they are of use, a search for all
+//! targets, and paths that can be driven.
+//!
+//! Paths may begin where the vehicle will be when they are ready. The search's graph begins on a cell's
+//! centre, heading along the grid, so it is given the obstacles as they are seen from there; what it
+//! finds is made drivable, and tested, on the cells as they came.
+
+mod drive;
+mod view;
 
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -8,9 +16,13 @@ use swath_bridge::{GridSpec, Occupancy, Pose2};
 
 use crate::collision::CollisionMap;
 use crate::network::{Network, Prediction, Reach, Surroundings};
-use crate::plan::{PlanConfig, Planner, TargetPlan};
+use crate::plan::{PlanConfig, Planner, Pool, TargetPlan, deadline_in, order_of, stop_at};
+use crate::smooth::Smoother;
 use crate::timing::CpuTimer;
 use crate::{Error, MotionModel, Plane};
+
+use drive::{Drive, make_drivable};
+use view::View;
 
 /// Which cells of an occupancy grid are obstacles.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -49,6 +61,24 @@ pub struct FrameInput<'a> {
     pub reference: &'a [Pose2],
     /// Targets, vehicle frame.
     pub goals: &'a [Pose2],
+    /// Where paths begin.
+    pub start: Start,
+}
+
+/// Where paths begin, and how.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Start {
+    /// In the vehicle's frame; by default where the vehicle is.
+    pub pose: Pose2,
+    /// The curvature that is driven there, 1/m; `None` if paths may begin with any.
+    pub curvature_per_m: Option<f64>,
+}
+
+impl Start {
+    /// Whether that is where the vehicle is.
+    pub fn is_vehicle(&self) -> bool {
+        self.pose == Pose2::default()
+    }
 }
 
 /// A planned frame.
@@ -56,7 +86,10 @@ pub struct FrameInput<'a> {
 pub struct FramePlan {
     /// One for each goal, in their order.
     pub targets: Vec<TargetPlan>,
-    /// The regions that were predicted, one for each goal; none without a network.
+    /// Where the paths begin.
+    pub start: Start,
+    /// The regions that were predicted, one for each goal, as seen from the start; none without a
+    /// network.
     pub regions: Vec<Plane>,
     /// How well each goal can be reached, as far as the network says.
     pub reach: Vec<Option<Reach>>,
@@ -68,13 +101,22 @@ pub struct FramePlan {
     pub cpu: Duration,
     /// Elapsed time of both.
     pub total: Duration,
+    /// Elapsed time of making paths drivable, after that.
+    pub smooth: Duration,
+    /// Time that there was for all of it; zero for no limit.
+    pub deadline: Duration,
 }
+
+/// Share of a frame's time, and most of it, that is kept for making paths drivable.
+const SMOOTH_SHARE: f64 = 0.15;
+const MOST_SMOOTH: Duration = Duration::from_millis(15);
 
 /// Plans frames of one vehicle.
 #[derive(Debug)]
 pub struct FramePlanner {
     model: Arc<MotionModel>,
     planner: Planner,
+    smoothers: Pool<Option<Smoother>>,
 }
 
 impl FramePlanner {
@@ -83,14 +125,17 @@ impl FramePlanner {
         Self {
             model,
             planner: Planner::new(),
+            smoothers: Pool::default(),
         }
     }
 
-    /// Plans to every goal: with `tiev-fcn` in the regions of a network, or with `tiev` without one.
+    /// Plans to every goal by the method of the configuration; with a network, in its regions, and
+    /// `tiev` is `tiev-fcn` then. Under a deadline, counted from the call, what is not done by then is
+    /// left undone: [`Outcome::BudgetExhausted`] for a search, `None` for a drivable path.
     ///
     /// # Errors
-    /// Those of [`CollisionMap::new`], [`Network::predict`] and [`Planner::plan`]: sizes that do not
-    /// fit together.
+    /// Those of [`CollisionMap::new`], [`Network::predict`], [`Planner::plan`] and [`Smoother::new`]:
+    /// sizes that do not fit together, and settings out of range.
     pub fn plan(
         &self,
         input: &FrameInput<'_>,
@@ -99,58 +144,105 @@ impl FramePlanner {
     ) -> Result<FramePlan, Error> {
         let cpu = CpuTimer::of_process();
         let started = Instant::now();
+        let deadline = deadline_in(config.frame_deadline_ms);
+        let view = View::new(input);
         let predictions = network
-            .map(|network| predict(input, network, config.speed_m_per_s))
+            .map(|network| predict(input.spec, &view, network, config.speed_m_per_s))
             .transpose()?;
-        let network_time = started.elapsed();
+        let network_time = network.map_or(Duration::ZERO, |_| started.elapsed());
         let (regions, reach) = predictions.map_or_else(Default::default, |predictions| {
             let parts = predictions.into_iter();
             let parts = parts.map(|prediction| (prediction.region, prediction.reach));
             parts.unzip::<_, _, Vec<_>, Vec<_>>()
         });
-        let map = CollisionMap::new(Arc::clone(&self.model), input.spec, input.obstacles)?;
-        let targets = self.planner.plan(
-            &map,
-            input.goals,
+        let map = CollisionMap::new(Arc::clone(&self.model), input.spec, &view.obstacles)?;
+        let mut targets = self.planner.plan_until(
+            deadline.map(|deadline| search_deadline(deadline, config)),
+            (&map, &view.goals),
             network.map(|_| regions.as_slice()),
             config,
         )?;
-        let total = started.elapsed();
+        let (cpu, total) = (cpu.elapsed(), started.elapsed());
+        as_seen_by_vehicle(input, &mut targets);
+        if config.smooth {
+            self.make_drivable(input, &mut targets, (deadline, config))?;
+        }
         Ok(FramePlan {
             targets,
+            start: input.start,
             regions,
             reach,
-            network: if network.is_some() {
-                network_time
-            } else {
-                Duration::ZERO
-            },
+            network: network_time,
             search: total.saturating_sub(network_time),
-            cpu: cpu.elapsed(),
+            cpu,
             total,
+            smooth: started.elapsed().saturating_sub(total),
+            deadline: Duration::from_millis(config.frame_deadline_ms),
         })
+    }
+
+    /// Makes paths drivable.
+    fn make_drivable(
+        &self,
+        input: &FrameInput<'_>,
+        targets: &mut [TargetPlan],
+        (deadline, config): (Option<Instant>, &PlanConfig),
+    ) -> Result<(), Error> {
+        let stop = stop_at(deadline);
+        let drive = Drive {
+            vehicle: self.model.vehicle(),
+            config: &config.smoothing,
+            speed_m_per_s: config.speed_m_per_s,
+            order: &order_of(input.goals, config.order),
+            is_time_up: &|| stop().is_some(),
+        };
+        make_drivable(&self.smoothers, input, targets, drive)
+    }
+}
+
+/// When the searches of a frame end.
+fn search_deadline(deadline: Instant, config: &PlanConfig) -> Instant {
+    if !config.smooth {
+        return deadline;
+    }
+    let all = Duration::from_millis(config.frame_deadline_ms);
+    let kept = all.mul_f64(SMOOTH_SHARE).min(MOST_SMOOTH);
+    deadline.checked_sub(kept).unwrap_or(deadline)
+}
+
+/// Brings results into the vehicle's frame.
+fn as_seen_by_vehicle(input: &FrameInput<'_>, targets: &mut [TargetPlan]) {
+    if input.start.is_vehicle() {
+        return;
+    }
+    for (target, goal) in targets.iter_mut().zip(input.goals) {
+        target.goal = *goal;
+        for pose in &mut target.result.path {
+            *pose = input.start.pose.then(pose);
+        }
     }
 }
 
 /// The region to each goal (the paper's Algorithm 2, lines 2 to 9).
 fn predict(
-    input: &FrameInput<'_>,
+    spec: GridSpec,
+    view: &View<'_>,
     network: &Network,
     speed_m_per_s: f64,
 ) -> Result<Vec<Prediction>, Error> {
     let info = network.info();
-    if info.spec != input.spec {
+    if info.spec != spec {
         return Err(Error::GridMismatch {
-            got: input.spec,
+            got: spec,
             wanted: info.spec,
         });
     }
-    let mut reference = Plane::empty(input.spec.rows, input.spec.cols);
-    reference.draw_line(&input.spec, input.reference, info.reference_dilation_m);
+    let mut reference = Plane::empty(spec.rows, spec.cols);
+    reference.draw_line(&spec, &view.reference, info.reference_dilation_m);
     let surroundings = Surroundings {
-        obstacles: input.obstacles,
+        obstacles: &view.obstacles,
         reference: &reference,
         speed_m_per_s,
     };
-    network.predict(&surroundings, input.goals)
+    network.predict(&surroundings, &view.goals)
 }

@@ -3,6 +3,7 @@
 
 mod action;
 pub mod check;
+mod choice;
 mod collision;
 pub mod dubins;
 mod error;
@@ -14,6 +15,7 @@ pub mod node;
 mod path_point;
 mod plan;
 mod plane;
+mod polyline;
 pub mod report;
 pub mod search;
 pub mod smooth;
@@ -21,9 +23,10 @@ mod targets;
 mod timing;
 
 pub use action::{ACTIONS, AHEAD, Action, ActionTable, DIRECTIONS, REACH_CELLS};
+pub use choice::{ChoiceConfig, choose};
 pub use collision::CollisionMap;
 pub use error::Error;
-pub use frame::{FrameInput, FramePlan, FramePlanner, ObstacleConfig};
+pub use frame::{FrameInput, FramePlan, FramePlanner, ObstacleConfig, Start};
 pub use motion::{MotionModel, Successors, max_curvature_per_m};
 pub use path_point::PathPoint;
 pub use plan::{Method, PlanConfig, Planner, TargetOrder, TargetPlan};

@@ -3,13 +3,24 @@
 //! It is one task that owns everything it knows. A frame is planned on a thread of its own with what
 //! was known when its grid was taken, the network included, so weights that arrive meanwhile are used
 //! from the next frame on and no plan ever mixes two versions.
+//!
+//! With odometry, paths begin on the one that is followed, a little ahead of the vehicle, so that what
+//! is driven next does not change; or else where the vehicle will be when it can follow them. Where
+//! nothing can be driven, and when grids stop coming, the path is empty, which says stop.
+
+mod course;
+mod follow;
+mod job;
+mod track;
 
 use std::future::Future;
 use std::pin::pin;
 use std::sync::Arc;
+use std::time::Duration;
 
 use swath_bridge::geometry::Pose2;
 use swath_bridge::msg::geometry::PoseArray;
+use swath_bridge::msg::header::Header;
 use swath_bridge::msg::nav::{OccupancyGrid, Odometry, Path};
 use swath_bridge::msg::swath::{PlanReport, Weights};
 use swath_bridge::{
@@ -17,13 +28,20 @@ use swath_bridge::{
     keys, signature,
 };
 use tokio::task::{JoinHandle, spawn_blocking};
+use tokio::time::Instant;
 
-use crate::frame::{FrameInput, FramePlan, FramePlanner, ObstacleConfig};
+use crate::frame::{FramePlan, FramePlanner, ObstacleConfig, Start};
+use crate::motion::max_curvature_per_m;
 use crate::network::Network;
 use crate::plan::{Method, PlanConfig};
-use crate::report::{chosen, path_message, plan_report, pose_of_ros, poses_of_path};
+use crate::report::{path_message, plan_report, pose_of_ros, poses_of_path, ros_pose};
 use crate::targets::{MAX_TARGETS, TargetConfig, sample_targets};
 use crate::{Error, MotionModel, Plane};
+
+pub use follow::FollowConfig;
+
+use follow::{Departure, Follower};
+use job::Job;
 
 /// Messages of a kind that may wait while a frame is planned.
 const QUEUE: usize = 16;
@@ -45,8 +63,8 @@ pub struct NodeConfig {
     pub targets: TargetConfig,
     /// How frames are planned; the speed follows the odometry once there is one.
     pub plan: PlanConfig,
-    /// The method, or `None` for `tiev-fcn` as soon as there are weights and `tiev` until then.
-    pub method: Option<Method>,
+    /// How the chosen path is kept up.
+    pub follow: FollowConfig,
     /// Training run to take weights from, or `*` for any.
     pub run: String,
     /// Keys whose weights are trusted; with none, any intact weights are.
@@ -96,6 +114,9 @@ pub async fn run(
             () = &mut stop => break,
             Some(weights) = node.inputs.weights.recv() => node.take_weights(weights).await,
             Some(odom) = node.inputs.odom.recv() => node.take_odom(&odom.message),
+            () = passed(node.expires) => {
+                node.withdraw("grids have stopped coming").await?;
+            }
             Some(path) = node.inputs.reference.recv() => {
                 node.reference = poses_of_path(&path.message);
             }
@@ -109,7 +130,18 @@ pub async fn run(
             else => break,
         }
     }
+    if node.expires.is_some() {
+        node.withdraw("the node ends").await?;
+    }
     Ok(node.summary)
+}
+
+/// The moment when it has come; never without one.
+async fn passed(moment: Option<Instant>) {
+    match moment {
+        Some(moment) => tokio::time::sleep_until(moment).await,
+        None => std::future::pending().await,
+    }
 }
 
 /// The plan that is under way, when it is finished.
@@ -151,6 +183,10 @@ struct Node {
     reference: Vec<Pose2>,
     targets: Vec<Pose2>,
     speed_m_per_s: f64,
+    follower: Follower,
+    /// When the path that was published last is withdrawn, and the frame that it was in.
+    expires: Option<Instant>,
+    frame_id: String,
     planning: Option<JoinHandle<Planned>>,
     summary: NodeSummary,
     _token: swath_bridge::NodeToken,
@@ -158,7 +194,8 @@ struct Node {
 
 /// A frame that was planned, and what is needed to report it.
 struct Planned {
-    plan: Result<FramePlan, Error>,
+    plan: Result<(FramePlan, Option<usize>), Error>,
+    departure: Departure,
     grid: Received<OccupancyGrid>,
     network: Option<Arc<ServedNetwork>>,
     method: Method,
@@ -172,6 +209,7 @@ impl Node {
         initial: Option<ServedNetwork>,
     ) -> Result<Self, Error> {
         let id = config.vehicle_id.as_str();
+        config.follow.validate()?;
         let model = Arc::new(MotionModel::new(&config.vehicle, config.grid.resolution_m)?);
         let inputs = Inputs {
             grid: session.subscriber(&keys::grid(id), 1).await?,
@@ -193,6 +231,9 @@ impl Node {
             reference: Vec::new(),
             targets: Vec::new(),
             speed_m_per_s: config.plan.speed_m_per_s,
+            follower: Follower::new(config.follow),
+            expires: None,
+            frame_id: String::new(),
             planning: None,
             summary: NodeSummary::default(),
             _token: session.declare_node("planner", id).await?,
@@ -214,6 +255,7 @@ impl Node {
         if speed.is_finite() {
             self.speed_m_per_s = speed.abs();
         }
+        self.follower.take_odom(odom);
     }
 
     fn take_targets(&mut self, targets: &PoseArray) {
@@ -280,60 +322,85 @@ impl Node {
             Ok(occupancy) => occupancy,
             Err(error) => return self.reject(&grid.key, &error),
         };
-        let method = self.config.method.unwrap_or(if self.network.is_some() {
-            Method::TievFcn
-        } else {
-            Method::Tiev
-        });
-        let network = self.network.clone().filter(|_| method.needs_regions());
-        let method = if network.is_some() || !method.needs_regions() {
-            method
-        } else {
-            Method::Tiev
-        };
-        let mut plan_config = self.config.plan;
-        plan_config.method = method;
-        plan_config.speed_m_per_s = self.speed_m_per_s;
+        let mut plan = self.config.plan;
+        let network = self.network.clone();
+        let network = network.filter(|_| plan.method.needs_regions());
+        if network.is_none() && plan.method.needs_regions() {
+            plan.method = Method::Tiev;
+        }
+        plan.speed_m_per_s = self.speed_m_per_s;
         let obstacles = self.config.obstacles.obstacles(&occupancy);
         let goals = if self.targets.is_empty() {
             sample_targets(&self.reference, &occupancy.spec, &self.config.targets)
         } else {
             self.targets.clone()
         };
-        let (planner, reference) = (Arc::clone(&self.planner), self.reference.clone());
+        let vehicle = &self.config.vehicle;
+        let most_per_m = 1.0 / vehicle.min_turning_radius_m;
+        let limit_per_m = max_curvature_per_m(self.speed_m_per_s).min(most_per_m);
+        let departure = self.follower.depart(
+            grid.message.header.stamp.nanos(),
+            (&occupancy.spec, &obstacles),
+            (vehicle, limit_per_m),
+        );
+        let job = Job {
+            planner: Arc::clone(&self.planner),
+            network: network.clone(),
+            spec: occupancy.spec,
+            obstacles,
+            reference: self.reference.clone(),
+            goals,
+            plan,
+            choice: self.config.follow.choice,
+        };
         self.planning = Some(spawn_blocking(move || {
-            let input = FrameInput {
-                spec: occupancy.spec,
-                obstacles: &obstacles,
-                reference: &reference,
-                goals: &goals,
-            };
-            let served = network.as_deref().map(|served| &served.network);
-            let plan = planner.plan(&input, served, &plan_config);
+            let (departure, plan) = job.plan(departure);
             Planned {
                 plan,
+                departure,
                 grid,
                 network,
-                method,
-                speed_m_per_s: plan_config.speed_m_per_s,
+                method: job.plan.method,
+                speed_m_per_s: job.plan.speed_m_per_s,
             }
         }));
     }
 
     /// Publishes a planned frame: the report, the chosen path, and the regions for viewing.
     async fn publish(&mut self, planned: Planned) -> Result<Option<PlanReport>, Error> {
-        let plan = match planned.plan {
-            Ok(plan) => plan,
+        let header = planned.grid.message.header;
+        self.frame_id.clone_from(&header.frame_id);
+        let (plan, chosen) = match planned.plan {
+            Ok(planned) => planned,
             Err(error) => {
                 self.reject(&planned.grid.key, &error);
+                self.withdraw("a grid could not be planned on").await?;
                 return Ok(None);
             }
         };
-        let header = planned.grid.message.header;
+        let path = chosen.and_then(|number| plan.targets.get(number));
+        let path = path.and_then(|target| Some((target.drivable.as_ref()?, &target.goal)));
+        let poses: Vec<Pose2> = if let Some((path, goal)) = path {
+            let path = (path.points.as_slice(), goal);
+            let followed = self.follower.follow(&planned.departure, path);
+            followed.into_iter().map(|point| point.pose).collect()
+        } else {
+            self.follower.stop();
+            Vec::new()
+        };
+        // The controller first: it waits for this.
+        self.outputs
+            .path
+            .put(&path_message(&header, &poses))
+            .await?;
+        let expires_s = Duration::from_secs_f64(self.config.follow.expires_s);
+        self.expires = (!poses.is_empty()).then(|| Instant::now() + expires_s);
+
         let mut report = plan_report(header.clone(), planned.method, planned.speed_m_per_s, &plan);
         self.summary.frames += 1;
         report.vehicle.clone_from(&self.config.vehicle_id);
         report.frame = self.summary.frames;
+        report.chosen = chosen.map_or(-1, |number| i32::try_from(number).unwrap_or(i32::MAX));
         report.grids_skipped = self.inputs.grid.counts().dropped;
         let now = clock::now_nanos();
         if let Some(served) = &planned.network {
@@ -344,17 +411,24 @@ impl Node {
             }
         }
         report.latency_ms = now.saturating_sub(planned.grid.received_nanos) as f32 / 1e6;
+        self.follower.took(f64::from(report.latency_ms) / 1e3);
         self.outputs.plan.put(&report).await?;
-        // An empty path tells a controller to stop.
-        let path = chosen(&plan).map_or(&[][..], |target| &target.result.path);
-        self.outputs.path.put(&path_message(&header, path)).await?;
         if let Some(region) = union(&plan.regions) {
-            let mut message =
-                region_occupancy(&self.config.grid, &region).to_message(header.clone());
-            message.info.map_load_time = header.stamp;
+            let message = region_message(&self.config.grid, &region, (header, &plan.start));
             self.outputs.region.put(&message).await?;
         }
         Ok(Some(report))
+    }
+
+    /// Says stop: publishes an empty path.
+    async fn withdraw(&mut self, why: &str) -> Result<(), Error> {
+        if self.expires.take().is_some() {
+            tracing::warn!("{why}: the last path is withdrawn");
+        }
+        self.follower.stop();
+        let header = Header::at(clock::now_nanos(), &self.frame_id);
+        self.outputs.path.put(&path_message(&header, &[])).await?;
+        Ok(())
     }
 }
 
@@ -368,7 +442,12 @@ fn union(planes: &[Plane]) -> Option<Plane> {
     Some(all)
 }
 
-fn region_occupancy(spec: &GridSpec, region: &Plane) -> Occupancy {
+/// A region as a grid, which is turned as the start is.
+fn region_message(
+    spec: &GridSpec,
+    region: &Plane,
+    (header, start): (Header, &Start),
+) -> OccupancyGrid {
     let cells = (0..region.len())
         .map(|index| {
             if region.get_index(index) {
@@ -378,5 +457,9 @@ fn region_occupancy(spec: &GridSpec, region: &Plane) -> Occupancy {
             }
         })
         .collect();
-    Occupancy { spec: *spec, cells }
+    let occupancy = Occupancy { spec: *spec, cells };
+    let mut message = occupancy.to_message(header);
+    let origin = pose_of_ros(&message.info.origin);
+    message.info.origin = ros_pose(&start.pose.then(&origin));
+    message
 }

@@ -13,6 +13,7 @@ use crate::search::{
     Frame, FrameMemory, Limits, Rules, SearchMemory, TargetResult, WeightedMemory, WeightedRegion,
     search, search_weighted,
 };
+use crate::smooth::{Drivability, DrivablePath, SmoothConfig};
 use crate::timing::CpuTimer;
 use crate::{Error, Plane};
 
@@ -84,16 +85,20 @@ pub struct PlanConfig {
     pub time_limit_ms: u64,
     /// Most expansions for one target's search; 0 for no limit.
     pub max_expansions: u64,
-    /// Most time for all targets of a frame, milliseconds elapsed; 0 for no limit. For `swath`.
+    /// Most time for a frame, all that is done for it, milliseconds elapsed; 0 for no limit.
     pub frame_deadline_ms: u64,
     /// Which targets come first before that deadline.
     pub order: TargetOrder,
+    /// Whether paths are made drivable.
+    pub smooth: bool,
+    /// How they are.
+    pub smoothing: SmoothConfig,
 }
 
 impl Default for PlanConfig {
     fn default() -> Self {
         Self {
-            method: Method::Tiev,
+            method: Method::Swath,
             speed_m_per_s: 1.4,
             region_weight: 0.15,
             epsilon: 1.2,
@@ -101,6 +106,8 @@ impl Default for PlanConfig {
             max_expansions: 0,
             frame_deadline_ms: 0,
             order: TargetOrder::Nearest,
+            smooth: true,
+            smoothing: SmoothConfig::default(),
         }
     }
 }
@@ -114,6 +121,28 @@ pub struct TargetPlan {
     pub result: TargetResult,
     /// Processor time of its own search; what targets share is not in it.
     pub cpu: Duration,
+    /// The path made drivable, as far as it could be; `None` unless solved and asked for in time.
+    pub drivable: Option<DrivablePath>,
+}
+
+impl TargetPlan {
+    /// The path as it is to be driven, or else as the search found it; empty unless solved.
+    pub fn poses(&self) -> Vec<Pose2> {
+        match &self.drivable {
+            Some(path) => path.points.iter().map(|point| point.pose).collect(),
+            None => self.result.path.clone(),
+        }
+    }
+
+    /// The curvature at each of these, 1/m; empty where the path is chords.
+    pub fn curvatures_per_m(&self) -> Vec<f64> {
+        let curve = self.drivable.as_ref();
+        let curve = curve.filter(|path| path.drivability != Drivability::TurnsOnTheSpot);
+        curve.map_or_else(Vec::new, |path| {
+            let curvatures = path.points.iter().map(|point| point.curvature_per_m);
+            curvatures.collect()
+        })
+    }
 }
 
 /// Plans frame after frame, reusing its memory.
@@ -132,7 +161,7 @@ impl Planner {
 
     /// Plans to every goal by the method of the configuration, in parallel on rayon's pool; results are
     /// in the order of the goals and do not depend on the number of threads. `tiev` with regions, one a
-    /// goal, is `tiev-fcn`.
+    /// goal, is `tiev-fcn`. Paths are not made drivable.
     ///
     /// # Errors
     /// [`Error::RegionCount`] unless there are as many regions as goals, and those of [`search`],
@@ -144,6 +173,18 @@ impl Planner {
         regions: Option<&[Plane]>,
         config: &PlanConfig,
     ) -> Result<Vec<TargetPlan>, Error> {
+        let deadline = deadline_in(config.frame_deadline_ms);
+        self.plan_until(deadline, (map, goals), regions, config)
+    }
+
+    /// [`Self::plan`] under a deadline that began before, in place of the configuration's.
+    pub(crate) fn plan_until(
+        &self,
+        deadline: Option<Instant>,
+        (map, goals): (&CollisionMap, &[Pose2]),
+        regions: Option<&[Plane]>,
+        config: &PlanConfig,
+    ) -> Result<Vec<TargetPlan>, Error> {
         if let Some(regions) = regions.filter(|regions| regions.len() != goals.len()) {
             return Err(Error::RegionCount {
                 regions: regions.len(),
@@ -152,8 +193,9 @@ impl Planner {
         }
         let successors = map.model().successors(config.speed_m_per_s);
         let inputs = (map, &successors);
+        let frame = (goals, deadline);
         match config.method {
-            Method::Tiev | Method::TievFcn => each_target(goals, config, |index, goal, limits| {
+            Method::Tiev | Method::TievFcn => each_target(frame, config, |index, goal, limits| {
                 let region = regions.map(|regions| WeightedRegion {
                     cells: &regions[index],
                     weight: config.region_weight,
@@ -161,12 +203,12 @@ impl Planner {
                 self.memories
                     .with(|memory| search(map, &successors, (goal, region), limits, memory))
             }),
-            Method::Weighted => each_target(goals, config, |_, goal, limits| {
+            Method::Weighted => each_target(frame, config, |_, goal, limits| {
                 self.weighted.with(|memory| {
                     search_weighted(map, &successors, (goal, config.epsilon), limits, memory)
                 })
             }),
-            Method::Swath => self.plan_together(inputs, goals, config),
+            Method::Swath => self.plan_together(inputs, frame, config),
         }
     }
 
@@ -174,10 +216,9 @@ impl Planner {
     fn plan_together(
         &self,
         (map, successors): (&CollisionMap, &Successors),
-        goals: &[Pose2],
+        (goals, deadline): (&[Pose2], Option<Instant>),
         config: &PlanConfig,
     ) -> Result<Vec<TargetPlan>, Error> {
-        let deadline = deadline_in(config.frame_deadline_ms);
         let stop = stop_at(deadline);
         let rules = Rules {
             epsilon: config.epsilon,
@@ -196,14 +237,15 @@ impl Planner {
             goal: *goal,
             result,
             cpu,
+            drivable: None,
         };
         Ok(plans.map(plan_of).collect())
     }
 }
 
-/// Searches for each target by itself.
+/// Searches for each target by itself; those that a deadline leaves no time for are not searched for.
 fn each_target(
-    goals: &[Pose2],
+    (goals, frame_deadline): (&[Pose2], Option<Instant>),
     config: &PlanConfig,
     search: impl Fn(usize, &Pose2, Limits<'_>) -> Result<TargetResult, Error> + Sync,
 ) -> Result<Vec<TargetPlan>, Error> {
@@ -214,13 +256,19 @@ fn each_target(
         .with_max_len(1)
         .map(|(index, goal)| {
             let timer = CpuTimer::of_thread();
-            let deadline = deadline_in(config.time_limit_ms);
+            let deadlines = [deadline_in(config.time_limit_ms), frame_deadline];
+            let deadline = deadlines.into_iter().flatten().min();
             let stop = stop_at(deadline);
             let limits = limits_of(config, deadline.is_some().then_some(&stop as _));
+            let result = match stop() {
+                Some(outcome) => TargetResult::without_path(outcome, 0),
+                None => search(index, goal, limits)?,
+            };
             Ok(TargetPlan {
                 goal: *goal,
-                result: search(index, goal, limits)?,
+                result,
                 cpu: timer.elapsed(),
+                drivable: None,
             })
         })
         .collect()
@@ -237,7 +285,7 @@ fn limits_of<'a>(
 }
 
 /// Numbers of the targets, those first that are to come first.
-fn order_of(goals: &[Pose2], order: TargetOrder) -> Vec<usize> {
+pub(crate) fn order_of(goals: &[Pose2], order: TargetOrder) -> Vec<usize> {
     let mut numbers: Vec<usize> = (0..goals.len()).collect();
     if order == TargetOrder::Nearest {
         let distance_m = |&number: &usize| goals[number].distance_m(&Pose2::default());
@@ -248,7 +296,7 @@ fn order_of(goals: &[Pose2], order: TargetOrder) -> Vec<usize> {
 
 /// Memories of searches that are not running.
 #[derive(Debug)]
-struct Pool<T>(Mutex<Vec<T>>);
+pub(crate) struct Pool<T>(Mutex<Vec<T>>);
 
 impl<T> Default for Pool<T> {
     fn default() -> Self {
@@ -257,12 +305,12 @@ impl<T> Default for Pool<T> {
 }
 
 impl<T: Default> Pool<T> {
-    /// Lends a memory to a search.
-    fn with<R>(&self, search: impl FnOnce(&mut T) -> R) -> R {
-        // A poisoned lock is fine: a memory is prepared anew before each search.
+    /// Lends a memory.
+    pub(crate) fn with<R>(&self, work: impl FnOnce(&mut T) -> R) -> R {
+        // A poisoned lock is fine: a memory is prepared anew before each use.
         let lock = || self.0.lock().unwrap_or_else(PoisonError::into_inner);
         let mut memory = lock().pop().unwrap_or_default();
-        let result = search(&mut memory);
+        let result = work(&mut memory);
         let mut memories = lock();
         if memories.len() < MAX_POOLED_MEMORIES {
             memories.push(memory);
@@ -272,7 +320,7 @@ impl<T: Default> Pool<T> {
 }
 
 /// Asks for a stop from a deadline on.
-fn stop_at(deadline: Option<Instant>) -> impl Fn() -> Option<Outcome> + Sync {
+pub(crate) fn stop_at(deadline: Option<Instant>) -> impl Fn() -> Option<Outcome> + Sync {
     move || {
         deadline
             .is_some_and(|deadline| Instant::now() >= deadline)
@@ -280,7 +328,7 @@ fn stop_at(deadline: Option<Instant>) -> impl Fn() -> Option<Outcome> + Sync {
     }
 }
 
-fn deadline_in(time_limit_ms: u64) -> Option<Instant> {
+pub(crate) fn deadline_in(time_limit_ms: u64) -> Option<Instant> {
     if time_limit_ms == 0 {
         return None;
     }
@@ -342,7 +390,7 @@ mod tests {
     #[test]
     fn configurations_from_before_a_field_was_added_still_load() {
         let config: PlanConfig = serde_json::from_str(r#"{"speed_m_per_s": 3.0}"#).unwrap();
-        assert_eq!(config.method, Method::Tiev);
+        assert_eq!(config.method, Method::Swath);
         assert_eq!((config.epsilon, config.frame_deadline_ms), (1.2, 0));
     }
 
@@ -368,6 +416,7 @@ mod tests {
     #[test]
     fn an_expansion_limit_is_kept_and_reported() {
         let config = PlanConfig {
+            method: Method::Tiev,
             max_expansions: 40,
             ..PlanConfig::default()
         };
@@ -384,7 +433,11 @@ mod tests {
     fn regions_must_be_one_a_goal() {
         let spec = GridSpec::default();
         let regions = vec![Plane::empty(spec.rows, spec.cols); 2];
-        let plans = Planner::new().plan(&map(), &goals(), Some(&regions), &PlanConfig::default());
+        let config = PlanConfig {
+            method: Method::TievFcn,
+            ..PlanConfig::default()
+        };
+        let plans = Planner::new().plan(&map(), &goals(), Some(&regions), &config);
         assert!(matches!(
             plans,
             Err(Error::RegionCount {

@@ -6,10 +6,11 @@ use swath_bridge::msg::geometry::{
 use swath_bridge::msg::header::Header;
 use swath_bridge::msg::nav::{Odometry, Path};
 use swath_bridge::msg::swath::{PlanReport, PlanarPose, TargetPlan as TargetPlanMessage};
-use swath_bridge::{Frame, Outcome, Pose2};
+use swath_bridge::{Frame, Pose2};
 
 use crate::frame::FramePlan;
 use crate::plan::{Method, TargetPlan};
+use crate::smooth::Drivability;
 use crate::timing::millis;
 
 /// A plane pose as a message.
@@ -101,8 +102,8 @@ pub fn poses_of_path(path: &Path) -> Vec<Pose2> {
     poses.filter(Pose2::is_finite).collect()
 }
 
-/// A report of a planned frame. What belongs to a node (vehicle, frame number, latency, weights) is
-/// left for it to fill in.
+/// A report of a planned frame. What belongs to a node (vehicle, frame number, latency, weights, the
+/// choice) is left for it to fill in.
 #[expect(
     clippy::cast_possible_truncation,
     reason = "the message has single precision"
@@ -127,9 +128,17 @@ pub fn plan_report(
         search_ms: millis(plan.search) as f32,
         cpu_ms: millis(plan.cpu) as f32,
         total_ms: millis(plan.total) as f32,
+        smooth_ms: millis(plan.smooth) as f32,
+        deadline_ms: millis(plan.deadline) as f32,
         latency_ms: f32::NAN,
         grids_skipped: 0,
-        targets: plan.targets.iter().map(target_message).collect(),
+        start: planar_pose(&plan.start.pose),
+        chosen: -1,
+        targets: plan
+            .targets
+            .iter()
+            .map(|target| target_message(target, plan.start.is_vehicle()))
+            .collect(),
     }
 }
 
@@ -137,7 +146,16 @@ pub fn plan_report(
     clippy::cast_possible_truncation,
     reason = "the message has single precision"
 )]
-fn target_message(plan: &TargetPlan) -> TargetPlanMessage {
+fn target_message(plan: &TargetPlan, chords_were_tested: bool) -> TargetPlanMessage {
+    let curvatures = plan.curvatures_per_m();
+    // From elsewhere than the vehicle, chords were only tested on cells that were moved.
+    let is_published = chords_were_tested || !curvatures.is_empty();
+    let poses = if is_published {
+        plan.poses()
+    } else {
+        Vec::new()
+    };
+    let drivability = plan.drivable.as_ref().map(|path| path.drivability);
     TargetPlanMessage {
         goal: planar_pose(&plan.goal),
         status: plan.result.outcome.code(),
@@ -145,14 +163,11 @@ fn target_message(plan: &TargetPlan) -> TargetPlanMessage {
         length_m: plan.result.length_m,
         steps: plan.result.steps,
         time_ms: millis(plan.cpu) as f32,
-        path: plan.result.path.iter().map(planar_pose).collect(),
+        drivability: drivability.unwrap_or(Drivability::TurnsOnTheSpot).code(),
+        path: poses.iter().map(planar_pose).collect(),
+        curvature_per_m: curvatures
+            .iter()
+            .map(|&curvature| curvature as f32)
+            .collect(),
     }
-}
-
-/// The target whose path a controller should follow: the first that is solved, since the farthest
-/// row comes first and in each row the middle.
-pub fn chosen(plan: &FramePlan) -> Option<&TargetPlan> {
-    plan.targets
-        .iter()
-        .find(|target| target.result.outcome == Outcome::Solved)
 }

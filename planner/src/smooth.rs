@@ -38,8 +38,9 @@ pub const POINT_SPACING_M: f64 = 0.2;
 pub const MAX_STEPS: usize = 8192;
 /// Widest gap that may be preferred, metres.
 const MAX_PREFERRED_GAP_M: f64 = 2.0;
-/// The goal's tolerance is kept with this to spare, metres and radians, for whoever rounds.
-const GOAL_SLACK: f64 = 1e-6;
+/// The goal's tolerance and the points' distance are kept with this to spare, metres and radians, for
+/// whoever rounds to single precision.
+const SLACK: f64 = 1e-4;
 /// States stay so far from the map's edge that the path between two of them stays on it, metres.
 const MAP_MARGIN_M: f64 = 0.005;
 
@@ -100,7 +101,7 @@ impl Default for SmoothConfig {
 }
 
 /// A chord path to smooth.
-#[derive(Debug, Clone, Copy)]
+#[derive(Clone, Copy)]
 pub struct SmoothRequest<'a> {
     /// The path that a search found.
     pub chords: &'a [Pose2],
@@ -111,6 +112,21 @@ pub struct SmoothRequest<'a> {
     /// Curvature that the vehicle drives at the start, 1/m, which is clamped to the limit; `None` if
     /// it may begin with any, as one that stands.
     pub start_curvature_per_m: Option<f64>,
+    /// Asked every few iterations whether to stop, if there is no time without end.
+    pub stop: Option<&'a (dyn Fn() -> bool + Sync)>,
+}
+
+impl std::fmt::Debug for SmoothRequest<'_> {
+    fn fmt(&self, formatter: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        formatter
+            .debug_struct("SmoothRequest")
+            .field("chords", &self.chords)
+            .field("goal", &self.goal)
+            .field("speed_m_per_s", &self.speed_m_per_s)
+            .field("start_curvature_per_m", &self.start_curvature_per_m)
+            .field("stop", &self.stop.map(|_| "callback"))
+            .finish()
+    }
 }
 
 /// How far a path can be driven as it is.
@@ -127,6 +143,28 @@ pub enum Drivability {
     TurnsOnTheSpot,
 }
 
+impl Drivability {
+    /// The code in `swath_msgs/TargetPlan`.
+    pub const fn code(self) -> u8 {
+        match self {
+            Self::TurnsOnTheSpot => 0,
+            Self::AtSpeed => 1,
+            Self::Slower => 2,
+            Self::TooTight => 3,
+        }
+    }
+
+    /// The name used in JSON and tables.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::AtSpeed => "at_speed",
+            Self::Slower => "slower",
+            Self::TooTight => "too_tight",
+            Self::TurnsOnTheSpot => "turns_on_the_spot",
+        }
+    }
+}
+
 /// What the last attempt within the limits lacked.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
@@ -139,6 +177,8 @@ pub enum Shortfall {
     OffMap,
     /// There was nothing to smooth: no length, too much of it, or numbers that are not finite.
     Input,
+    /// It was stopped.
+    Time,
 }
 
 /// A smoothed path.
@@ -221,6 +261,11 @@ impl Smoother {
         })
     }
 
+    /// How it smooths.
+    pub const fn config(&self) -> &SmoothConfig {
+        &self.config
+    }
+
     /// The curvature that the vehicle's paths keep to at a speed, 1/m.
     pub fn curvature_limit_per_m(&self, speed_m_per_s: f64) -> f64 {
         max_curvature_per_m(speed_m_per_s).min(1.0 / self.vehicle.min_turning_radius_m)
@@ -234,7 +279,7 @@ impl Smoother {
         if !is_finite
             || !self
                 .reference
-                .fit(request.chords, POINT_SPACING_M, MAX_STEPS)
+                .fit(request.chords, POINT_SPACING_M - SLACK, MAX_STEPS)
         {
             return as_chords(request.chords, Shortfall::Input, 0);
         }
@@ -269,6 +314,9 @@ impl Smoother {
                         iterations,
                     };
                 }
+                Err(Shortfall::Time) => {
+                    return as_chords(request.chords, Shortfall::Time, iterations);
+                }
                 Err(reason) if drivability == Drivability::AtSpeed => shortfall = reason,
                 Err(_) => {}
             }
@@ -286,7 +334,7 @@ impl Smoother {
         let mut result = Err(Shortfall::Contact);
         for attempt in ATTEMPTS {
             result = self.attempt(cells, request, (limits, attempt), iterations);
-            if result.is_ok() {
+            if matches!(result, Ok(()) | Err(Shortfall::Time)) {
                 break;
             }
         }
@@ -320,6 +368,10 @@ impl Smoother {
         let mut in_round = 0;
         let mut anew = true;
         while used < self.config.max_iterations {
+            if request.stop.is_some_and(|is_time_up| is_time_up()) {
+                result = Err(Shortfall::Time);
+                break;
+            }
             // The cells near a path are gathered again when it has moved away from them.
             self.nearby.update(
                 cells,
@@ -395,7 +447,7 @@ impl Smoother {
         };
         let off_m = libm::hypot(last.x_m - goal.x_m, last.y_m - goal.y_m);
         let off_rad = wrap_angle_rad(last.yaw_rad - goal.yaw_rad).abs();
-        if !(off_m <= GOAL_TOLERANCE_M - GOAL_SLACK && off_rad <= GOAL_TOLERANCE_RAD - GOAL_SLACK) {
+        if !(off_m <= GOAL_TOLERANCE_M - SLACK && off_rad <= GOAL_TOLERANCE_RAD - SLACK) {
             return Err(Shortfall::Goal);
         }
         let is_on_map = |state: &State| cells.holds((state.x_m, state.y_m), MAP_MARGIN_M);
@@ -410,7 +462,7 @@ impl Smoother {
     /// The path's points; where steps are longer than points may lie apart, with points between.
     fn points(&self) -> Vec<PathPoint> {
         let path = &self.path;
-        let halves = path.step_m > POINT_SPACING_M;
+        let halves = path.step_m > POINT_SPACING_M - SLACK;
         let point = |state: &State, at_m: f64| PathPoint {
             pose: state.pose(),
             curvature_per_m: state.curvature_per_m,

@@ -4,6 +4,7 @@
 
 use std::time::Duration;
 
+use swath_bridge::geometry::wrap_angle_rad;
 use swath_bridge::msg::header::Header;
 use swath_bridge::msg::nav::OccupancyGrid;
 use swath_bridge::msg::swath::{PlanReport, Weights};
@@ -12,10 +13,13 @@ use swath_bridge::{
     Cell, FREE, GridSpec, OCCUPIED, Occupancy, Outcome, Pose2, Publisher, Session, SessionConfig,
     Subscriber, Vehicle, keys,
 };
+use swath_planner::check::{CheckLimits, Ends, check_path};
 use swath_planner::network::{Network, NetworkInfo, Parameters};
-use swath_planner::node::{self, NodeConfig, NodeSummary};
-use swath_planner::report::{path_message, poses_of_path};
-use swath_planner::{ObstacleConfig, PlanConfig, TargetConfig};
+use swath_planner::node::{self, FollowConfig, NodeConfig, NodeSummary};
+use swath_planner::report::{odometry_message, path_message, poses_of_path};
+use swath_planner::{
+    Method, ObstacleConfig, PathPoint, PlanConfig, TargetConfig, max_curvature_per_m,
+};
 use tokio::sync::oneshot;
 use tokio::task::JoinHandle;
 
@@ -42,7 +46,7 @@ async fn pair() -> (Session, Session) {
     (a, b)
 }
 
-fn config() -> NodeConfig {
+fn config(plan: PlanConfig) -> NodeConfig {
     NodeConfig {
         vehicle_id: VEHICLE.to_owned(),
         vehicle: Vehicle::default(),
@@ -52,8 +56,8 @@ fn config() -> NodeConfig {
             count: 3,
             ..TargetConfig::default()
         },
-        plan: PlanConfig::default(),
-        method: None,
+        plan,
+        follow: FollowConfig::default(),
         run: "*".to_owned(),
         trusted: Vec::new(),
     }
@@ -72,6 +76,10 @@ struct World {
 
 impl World {
     async fn start() -> Self {
+        Self::start_with(PlanConfig::default()).await
+    }
+
+    async fn start_with(plan: PlanConfig) -> Self {
         let (session, node_session) = pair().await;
         let plans = session.subscriber(&keys::plan(VEHICLE), 16).await.unwrap();
         let paths = session.subscriber(&keys::path(VEHICLE), 16).await.unwrap();
@@ -79,7 +87,7 @@ impl World {
         let (stop, stopped) = oneshot::channel();
         let node = tokio::spawn(async move {
             let stopped = async { drop(stopped.await) };
-            node::run(&node_session, config(), None, stopped, |_| ())
+            node::run(&node_session, config(plan), None, stopped, |_| ())
                 .await
                 .unwrap()
         });
@@ -185,7 +193,7 @@ async fn a_grid_gives_a_plan_and_a_path_and_a_blocked_one_an_empty_path() {
     while plan.targets.is_empty() {
         plan = world.plan_on(&open).await;
     }
-    assert_eq!(plan.method, "tiev");
+    assert_eq!(plan.method, "swath");
     assert_eq!(plan.targets.len(), 3);
     assert!(
         plan.targets
@@ -212,7 +220,11 @@ async fn a_grid_gives_a_plan_and_a_path_and_a_blocked_one_an_empty_path() {
 
 #[tokio::test(flavor = "multi_thread")]
 async fn newer_weights_are_used_and_old_damaged_or_forged_ones_are_not() {
-    let mut world = World::start().await;
+    let in_regions = PlanConfig {
+        method: Method::TievFcn,
+        ..PlanConfig::default()
+    };
+    let mut world = World::start_with(in_regions).await;
     world.give_reference().await;
     let open = Occupancy::filled(GridSpec::default(), FREE);
     assert_eq!(world.plan_on(&open).await.weights_version, 0);
@@ -262,4 +274,194 @@ async fn grids_that_cannot_be_meant_are_counted_and_the_next_one_is_planned() {
     world.plan_on(&wall).await;
     let summary = world.end().await;
     assert!(summary.rejected <= 1 && summary.frames >= 1);
+}
+
+/// A straight road with boxes beside and on it, in the odometry's frame: x and y ranges, metres.
+const BOXES: [[f64; 4]; 5] = [
+    [-50.0, 200.0, 7.0, 7.4],
+    [-50.0, 200.0, -7.4, -7.0],
+    [25.0, 30.0, -1.5, 2.0],
+    [48.0, 52.0, 0.0, 6.0],
+    [70.0, 75.0, -6.0, 0.5],
+];
+const SPEED_M_PER_S: f64 = 5.0;
+
+/// What a vehicle sees of the road.
+fn seen_from(odom_from_vehicle: &Pose2) -> Occupancy {
+    let mut seen = Occupancy::filled(GridSpec::default(), FREE);
+    for index in 0..seen.spec.len() {
+        let cell = seen.spec.cell_of_index(index);
+        let (x_m, y_m) = seen.spec.centre_of(cell);
+        let at = odom_from_vehicle.then(&Pose2::new(x_m, y_m, 0.0));
+        let is_in = |&[x0, x1, y0, y1]: &[f64; 4]| {
+            (x0..=x1).contains(&at.x_m) && (y0..=y1).contains(&at.y_m)
+        };
+        if BOXES.iter().any(is_in) {
+            seen.set(cell, OCCUPIED);
+        }
+    }
+    seen
+}
+
+/// What is published on a vehicle's way, with the message that says it.
+struct Drive {
+    world: World,
+    odometry: Publisher<swath_bridge::msg::nav::Odometry>,
+    reference: Publisher<swath_bridge::msg::nav::Path>,
+}
+
+impl Drive {
+    async fn start() -> Self {
+        let world = World::start().await;
+        let odometry = world.session.publisher(&keys::odom(VEHICLE)).await.unwrap();
+        let reference = world
+            .session
+            .publisher(&keys::reference(VEHICLE))
+            .await
+            .unwrap();
+        soon(odometry.wait_for_subscribers()).await.unwrap();
+        soon(reference.wait_for_subscribers()).await.unwrap();
+        Self {
+            world,
+            odometry,
+            reference,
+        }
+    }
+
+    /// Plans where a vehicle is that drives so fast along a curve; the report and the path, in the
+    /// vehicle's frame.
+    async fn plan_at(
+        &mut self,
+        pose: &Pose2,
+        speed_m_per_s: f64,
+        curvature_per_m: f64,
+    ) -> (PlanReport, Vec<Pose2>) {
+        self.world.stamp += 100_000_000;
+        let header = Header::at(self.world.stamp + 1, "base_link");
+        let frame = swath_bridge::Frame {
+            stamp_nanos: self.world.stamp + 1,
+            occupancy: Occupancy::filled(GridSpec::default(), FREE),
+            odom_from_vehicle: *pose,
+            speed_m_per_s,
+            reference: Vec::new(),
+        };
+        let mut odometry = odometry_message(&header, &frame);
+        odometry.twist.twist.angular.z = speed_m_per_s * curvature_per_m;
+        self.odometry.put(&odometry).await.unwrap();
+        let road: Vec<Pose2> = (0..140)
+            .map(|k| pose.inverse().then(&Pose2::new(f64::from(k), 0.0, 0.0)))
+            .collect();
+        self.reference
+            .put(&path_message(&header, &road))
+            .await
+            .unwrap();
+        // Nothing tells that both have arrived; a grid that overtakes them is planned with older ones.
+        tokio::time::sleep(Duration::from_millis(20)).await;
+        let report = self.world.plan_on(&seen_from(pose)).await;
+        (report, self.world.newest_path().await)
+    }
+}
+
+/// Checks the chosen path as it is in a report; it begins at the report's start.
+fn check_report(report: &PlanReport, pose: &Pose2, speed_m_per_s: f64) {
+    let chosen = &report.targets[usize::try_from(report.chosen).unwrap()];
+    let mut at_m = 0.0;
+    let mut points: Vec<PathPoint> = Vec::new();
+    for (at, &curvature) in chosen.path.iter().zip(&chosen.curvature_per_m) {
+        let pose = Pose2::new(at.x_m.into(), at.y_m.into(), at.yaw_rad.into());
+        at_m += points
+            .last()
+            .map_or(0.0, |last| last.pose.distance_m(&pose));
+        points.push(PathPoint {
+            pose,
+            curvature_per_m: curvature.into(),
+            at_m,
+        });
+    }
+    let start = points[0].pose;
+    let said = &report.start;
+    assert!(start.distance_m(&Pose2::new(said.x_m.into(), said.y_m.into(), 0.0)) < 1e-4);
+    let goal = &chosen.goal;
+    let ends = Ends {
+        start,
+        start_curvature_per_m: None,
+        goal: Pose2::new(goal.x_m.into(), goal.y_m.into(), goal.yaw_rad.into()),
+    };
+    let vehicle = Vehicle::default();
+    let limit_per_m = max_curvature_per_m(speed_m_per_s).min(1.0 / vehicle.min_turning_radius_m);
+    let obstacles = ObstacleConfig::default().obstacles(&seen_from(pose));
+    let limits = CheckLimits::new(&vehicle, limit_per_m);
+    let found = check_path((&GridSpec::default(), &obstacles), &limits, &ends, &points);
+    assert!(found.is_empty(), "{found:?}");
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_vehicle_that_follows_its_paths_gets_past_everything_without_a_jerk() {
+    let mut drive = Drive::start().await;
+    let mut pose = Pose2::default();
+    let mut before: Option<Vec<Pose2>> = None;
+    let mut curvature_per_m = 0.0;
+    let mut kept = 0;
+    for _ in 0..160 {
+        let (report, path) = drive.plan_at(&pose, SPEED_M_PER_S, curvature_per_m).await;
+        assert!(report.chosen >= 0, "stopped at {pose:?}");
+        check_report(&report, &pose, SPEED_M_PER_S);
+        let in_odom: Vec<Pose2> = path.iter().map(|point| pose.then(point)).collect();
+        // It is on the path at once, or will be by the time that it has it.
+        assert!(
+            in_odom[0].distance_m(&pose) < 1.0,
+            "{:?} from {pose:?}",
+            in_odom[0]
+        );
+        if let Some(before) = &before {
+            // What is driven in the next 0.3 s is on the path of before.
+            let stays = in_odom
+                .iter()
+                .take_while(|point| point.distance_m(&pose) < 0.3 * SPEED_M_PER_S);
+            let strays = |point: &Pose2| {
+                let distance_m = |other: &Pose2| other.distance_m(point);
+                before.iter().map(distance_m).fold(f64::INFINITY, f64::min)
+            };
+            let most = stays.map(strays).fold(0.0, f64::max);
+            assert!(most < 0.11, "the path moved by {most} m at {pose:?}");
+            kept += usize::from(most < 1e-6);
+        }
+        let next = in_odom
+            .iter()
+            .find(|point| point.distance_m(&pose) >= 0.1 * SPEED_M_PER_S);
+        let next = *next.unwrap_or(&pose);
+        let turn_rad = wrap_angle_rad(next.yaw_rad - pose.yaw_rad);
+        curvature_per_m = turn_rad / next.distance_m(&pose).max(0.01);
+        pose = next;
+        before = Some(in_odom);
+        if pose.x_m > 85.0 {
+            break;
+        }
+    }
+    assert!(pose.x_m > 78.0, "it came to {pose:?}");
+    assert!(kept > 100, "the way ahead was kept {kept} times");
+    drive.world.end().await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn when_grids_stop_coming_the_path_is_withdrawn() {
+    let mut world = World::start().await;
+    world.give_reference().await;
+    let open = Occupancy::filled(GridSpec::default(), FREE);
+    let mut plan = world.plan_on(&open).await;
+    while plan.chosen < 0 {
+        plan = world.plan_on(&open).await;
+    }
+    assert!(!world.newest_path().await.is_empty());
+    let withdrawn = soon(async {
+        loop {
+            let path = world.paths.recv().await.unwrap().message;
+            if path.poses.is_empty() {
+                return path;
+            }
+        }
+    });
+    let withdrawn = withdrawn.await;
+    assert_eq!(withdrawn.header.frame_id, "base_link");
+    world.end().await;
 }

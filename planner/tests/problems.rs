@@ -7,7 +7,7 @@ use swath_bridge::{Cell, GridSpec, Outcome, Pose2, Vehicle};
 use swath_planner::check::{CheckLimits, Ends, check_path};
 use swath_planner::search::TargetResult;
 use swath_planner::smooth::{ObstacleCells, SmoothConfig, SmoothRequest, Smoother};
-use swath_planner::{CollisionMap, MotionModel, PlanConfig, Plane, Planner, TargetPlan};
+use swath_planner::{CollisionMap, Method, MotionModel, PlanConfig, Plane, Planner, TargetPlan};
 
 mod data;
 
@@ -124,6 +124,7 @@ fn drive(what: &str, obstacles: &Plane, plans: &[&TargetPlan], config: &PlanConf
             goal: plan.goal,
             speed_m_per_s: config.speed_m_per_s,
             start_curvature_per_m: Some(0.0),
+            stop: None,
         };
         let path = smoother.smooth(&cells, &request);
         if !path.is_drivable() {
@@ -186,6 +187,7 @@ fn every_path_on_the_problems_passes_the_checker() {
     let model = Arc::new(model.expect("the default vehicle fits the default cells"));
     let planner = Planner::new();
     let config = PlanConfig {
+        method: Method::Tiev,
         max_expansions: MAX_EXPANSIONS,
         ..PlanConfig::default()
     };

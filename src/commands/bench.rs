@@ -8,7 +8,7 @@ use swath_bridge::{Frame, keys};
 use swath_generator::Generator;
 use swath_planner::network::Network;
 use swath_planner::{
-    FrameInput, FramePlan, FramePlanner, MAX_TARGETS, Method, MotionModel, PlanConfig,
+    FrameInput, FramePlan, FramePlanner, MAX_TARGETS, Method, MotionModel, PlanConfig, Start,
     TargetConfig, plan_report, sample_targets,
 };
 
@@ -38,6 +38,7 @@ pub(crate) fn run(options: &BenchOptions, config: &Config) -> Result<(), Failure
         )?)),
         plan: PlanConfig {
             time_limit_ms: options.time_limit_ms,
+            smooth: false,
             ..config.plan
         },
         targets: config.targets,
@@ -120,6 +121,7 @@ impl Bench {
             obstacles: &obstacles,
             reference: &frame.reference,
             goals: &goals,
+            start: Start::default(),
         };
         let network = self.network.as_ref().filter(|_| method.needs_regions());
         let plan = PlanConfig {

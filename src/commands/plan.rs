@@ -6,7 +6,8 @@ use std::sync::Arc;
 use serde::Serialize;
 use swath_bridge::{Outcome, Pose2, goals, pgm};
 use swath_planner::network::Network;
-use swath_planner::{FrameInput, FramePlan, FramePlanner, Method, MotionModel, millis};
+use swath_planner::smooth::Drivability;
+use swath_planner::{FrameInput, FramePlan, FramePlanner, Method, MotionModel, Start, millis};
 
 use crate::cli::{NetworkOptions, PlanOptions};
 use crate::config::Config;
@@ -28,25 +29,20 @@ pub(crate) fn run(
     }
 }
 
-/// The network to plan with, if it is of use: that of a file, or the one that comes with swath. With
-/// that one, what is missing for it is said, and `tiev` plans.
+/// The network to plan with, if the method asks for one: that of a file, or the one that comes with
+/// swath.
 fn network_of(options: &PlanOptions, config: &Config) -> anyhow::Result<Option<Network>> {
-    if options.method.is_some_and(|method| !method.needs_regions()) {
-        return Ok(None);
-    }
-    if options.weights.is_some() || options.method.is_some() {
+    let method = options.plan_config(config).method;
+    if method.needs_regions() {
         return network::load(options.weights.as_deref()).map(Some);
     }
-    let network = network::load(None)?;
-    let misfit = if options.map.is_some() && options.reference.is_none() {
-        Some("it needs a --reference".to_owned())
-    } else {
-        network::misfit(network.info(), config)
-    };
-    if let Some(misfit) = &misfit {
-        tracing::info!("tiev plans without the network that comes with swath: {misfit}");
-    }
-    Ok(misfit.is_none().then_some(network))
+    anyhow::ensure!(
+        options.weights.is_none(),
+        "{} plans without a network: --weights is for --method {}",
+        method.name(),
+        Method::TievFcn.name()
+    );
+    Ok(None)
 }
 
 fn plan_once(
@@ -62,15 +58,8 @@ fn plan_once(
         None => Vec::new(),
     };
     let network = network_of(options, config)?;
-    let method = if network.is_some() {
-        Method::TievFcn
-    } else {
-        Method::Tiev
-    };
-    let mut plan_config = config.plan;
-    plan_config.speed_m_per_s = options.speed.unwrap_or(plan_config.speed_m_per_s);
-    plan_config.time_limit_ms = options.time_limit_ms.unwrap_or(plan_config.time_limit_ms);
-
+    let plan_config = options.plan_config(config);
+    let method = plan_config.method;
     let obstacles = config.obstacles.obstacles(&occupancy);
     let spec = occupancy.spec;
     let model = Arc::new(MotionModel::new(&config.vehicle, spec.resolution_m)?);
@@ -79,6 +68,7 @@ fn plan_once(
         obstacles: &obstacles,
         reference: &reference,
         goals: &goals,
+        start: Start::default(),
     };
     let plan = FramePlanner::new(model).plan(&input, network.as_ref(), &plan_config)?;
 
@@ -89,7 +79,7 @@ fn plan_once(
         picture::draw(path, &occupancy, &input, &plan, config)?;
     }
     if options.json.as_deref() != Some(Path::new("-")) {
-        print_table(method, &plan)?;
+        print_table((method, plan_config.speed_m_per_s), &plan)?;
     }
     Ok(())
 }
@@ -103,6 +93,7 @@ struct PlanJson {
     search_ms: f64,
     cpu_ms: f64,
     total_ms: f64,
+    smooth_ms: f64,
 }
 
 #[derive(Debug, Serialize)]
@@ -115,7 +106,12 @@ struct TargetJson {
     length_m: f64,
     steps: u64,
     time_ms: f64,
+    /// How far the path can be driven; null unless solved.
+    drivability: Option<Drivability>,
+    /// Drivable where that says so, else the chords of the search.
     path: Vec<[f64; 3]>,
+    /// One a pose, 1/m; empty for chords.
+    curvature_per_m: Vec<f64>,
 }
 
 impl PlanJson {
@@ -133,7 +129,9 @@ impl PlanJson {
                 length_m: target.result.length_m,
                 steps: target.result.steps,
                 time_ms: millis(target.cpu),
-                path: target.result.path.iter().map(triple).collect(),
+                drivability: target.drivable.as_ref().map(|path| path.drivability),
+                path: target.poses().iter().map(triple).collect(),
+                curvature_per_m: target.curvatures_per_m(),
             });
         Self {
             method: method.name(),
@@ -142,11 +140,12 @@ impl PlanJson {
             search_ms: millis(plan.search),
             cpu_ms: millis(plan.cpu),
             total_ms: millis(plan.total),
+            smooth_ms: millis(plan.smooth),
         }
     }
 }
 
-fn print_table(method: Method, plan: &FramePlan) -> anyhow::Result<()> {
+fn print_table((method, speed_m_per_s): (Method, f64), plan: &FramePlan) -> anyhow::Result<()> {
     output::line(
         "target         goal (x, y, yaw)  status              cost  length m    steps  time ms",
     )?;
@@ -178,18 +177,24 @@ fn print_table(method: Method, plan: &FramePlan) -> anyhow::Result<()> {
         .filter(|target| target.result.outcome == Outcome::Solved)
         .count();
     output::line(format_args!(
-        "{}: {solved} of {} solved; network {:.1} ms, search {:.1} ms, processor {:.1} ms",
+        "{}: {solved} of {} solved; network {:.1} ms, search {:.1} ms, processor {:.1} ms, smoothing \
+         {:.1} ms",
         method.name(),
         plan.targets.len(),
         millis(plan.network),
         millis(plan.search),
         millis(plan.cpu),
+        millis(plan.smooth),
     ))?;
-    if solved > 0 {
-        output::line(
-            "The paths are chords of the lookup table: they turn at their joints, within the angle \
-             limit of the speed, and a controller has to round them off.",
-        )?;
+    let flagged = plan.targets.iter().filter(|target| {
+        let drivable = target.drivable.as_ref();
+        drivable.is_some_and(|path| !path.is_drivable())
+    });
+    let flagged = flagged.count();
+    if flagged > 0 {
+        output::line(format_args!(
+            "{flagged} of the paths cannot be driven at {speed_m_per_s} m/s as they are; --json says why"
+        ))?;
     }
     Ok(())
 }

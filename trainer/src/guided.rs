@@ -5,7 +5,7 @@ use std::sync::Arc;
 use swath_bridge::{GridSpec, Vehicle};
 use swath_planner::network::Network;
 use swath_planner::search::TargetResult;
-use swath_planner::{CollisionMap, MotionModel, PlanConfig, Plane, Planner};
+use swath_planner::{CollisionMap, Method, MotionModel, PlanConfig, Plane, Planner};
 
 use crate::{Error, Example};
 
@@ -43,6 +43,7 @@ impl Guided {
         let regions: Vec<_> = regions.collect();
         let map = CollisionMap::new(Arc::clone(&self.model), example.spec, &example.obstacles)?;
         let config = PlanConfig {
+            method: Method::TievFcn,
             speed_m_per_s: example.speed_m_per_s,
             max_expansions: self.max_expansions,
             ..PlanConfig::default()

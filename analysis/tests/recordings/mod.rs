@@ -36,7 +36,9 @@ pub(crate) fn target(
         length_m: if solved { cost } else { f64::NAN },
         steps,
         time_ms,
+        drivability: 0,
         path: Vec::new(),
+        curvature_per_m: Vec::new(),
     }
 }
 
@@ -61,8 +63,16 @@ pub(crate) fn plan(
         search_ms,
         cpu_ms: 2.0 * search_ms,
         total_ms: search_ms + 2.0,
+        smooth_ms: 0.0,
+        deadline_ms: 0.0,
         latency_ms: 0.0,
         grids_skipped: 0,
+        start: PlanarPose {
+            x_m: 0.0,
+            y_m: 0.0,
+            yaw_rad: 0.0,
+        },
+        chosen: -1,
         targets,
     }
 }

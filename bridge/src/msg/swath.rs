@@ -71,10 +71,18 @@ pub struct PlanReport {
     pub cpu_ms: f32,
     /// Elapsed, network and search.
     pub total_ms: f32,
+    /// Elapsed after that, making paths drivable.
+    pub smooth_ms: f32,
+    /// For all of these; 0 for none.
+    pub deadline_ms: f32,
     /// From the grid's arrival to this report.
     pub latency_ms: f32,
     /// Grids that a newer one replaced before they were planned on.
     pub grids_skipped: u64,
+    /// Where paths begin: where the vehicle will be when it can follow them.
+    pub start: PlanarPose,
+    /// Number of the target whose path is to be followed; -1 for none: stop.
+    pub chosen: i32,
     /// Targets.
     pub targets: Vec<TargetPlan>,
 }
@@ -170,8 +178,12 @@ pub struct TargetPlan {
     pub steps: u64,
     /// Processor time of this target's search.
     pub time_ms: f32,
-    /// Empty unless solved.
+    /// Drivability.
+    pub drivability: u8,
+    /// At most 0.2 m apart; empty unless solved.
     pub path: Vec<PlanarPose>,
+    /// One a pose, to the left; empty for chords.
+    pub curvature_per_m: Vec<f32>,
 }
 
 impl Message for TargetPlan {

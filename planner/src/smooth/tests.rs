@@ -72,6 +72,7 @@ fn request(chords: &[Pose2], goal: Pose2) -> SmoothRequest<'_> {
         goal,
         speed_m_per_s: SPEED_M_PER_S,
         start_curvature_per_m: Some(0.0),
+        stop: None,
     }
 }
 
@@ -236,6 +237,7 @@ fn the_starts_curvature_is_kept_clamped_or_free() {
     let first_curvature = |start_curvature_per_m: Option<f64>| {
         let request = SmoothRequest {
             start_curvature_per_m,
+            stop: None,
             ..request(&chords, goal)
         };
         let path = smoother().smooth(&cells, &request);
@@ -244,6 +246,7 @@ fn the_starts_curvature_is_kept_clamped_or_free() {
         assert!(path.is_drivable());
         let kept = SmoothRequest {
             start_curvature_per_m: Some(first),
+            stop: None,
             ..request
         };
         assert_eq!(violations(&plane, &kept, &path, (1.0 / 5.5, 1.0)), []);
@@ -342,6 +345,7 @@ fn nothing_panics_on_hostile_input() {
     }
     let bent = SmoothRequest {
         start_curvature_per_m: Some(f64::NAN),
+        stop: None,
         ..request(&chords, pose(5.0, 0.0, 0.0))
     };
     assert_eq!(

@@ -12,8 +12,8 @@ use crate::output::Failure;
 use crate::progress;
 use crate::runtime::{stop_signal, with_session};
 
-/// Most time for one target's search when nobody says: a live grid is soon out of date.
-const TIME_LIMIT_MS: u64 = 100;
+/// Most time for a frame when nobody says: a live grid is soon out of date.
+const DEADLINE_MS: u64 = 100;
 
 /// Plans on live grids until stopped.
 pub(super) fn run(
@@ -50,13 +50,10 @@ pub(super) fn run(
 }
 
 fn node_config(options: &PlanOptions, config: &Config) -> NodeConfig {
-    let mut plan = config.plan;
-    plan.speed_m_per_s = options.speed.unwrap_or(plan.speed_m_per_s);
-    let configured = Some(plan.time_limit_ms).filter(|&limit_ms| limit_ms > 0);
-    plan.time_limit_ms = options
-        .time_limit_ms
-        .or(configured)
-        .unwrap_or(TIME_LIMIT_MS);
+    let mut plan = options.plan_config(config);
+    if options.deadline_ms.is_none() && plan.frame_deadline_ms == 0 {
+        plan.frame_deadline_ms = DEADLINE_MS;
+    }
     NodeConfig {
         vehicle_id: options.vehicle.clone(),
         vehicle: config.vehicle,
@@ -64,7 +61,7 @@ fn node_config(options: &PlanOptions, config: &Config) -> NodeConfig {
         obstacles: config.obstacles,
         targets: config.targets,
         plan,
-        method: options.method,
+        follow: config.follow,
         run: "*".to_owned(),
         trusted: Vec::new(),
     }
@@ -81,10 +78,14 @@ pub(crate) fn describe(report: &PlanReport) -> String {
         version => format!(", weights {} v{version}", report.weights_run),
     };
     format!(
-        "{}: {} of {} targets, network {:.0} ms, search {:.0} ms{weights}",
+        "{}: {} of {} targets, {}, network {:.0} ms, search {:.0} ms{weights}",
         report.method,
         solved.count(),
         report.targets.len(),
+        match report.chosen {
+            -1 => "stop".to_owned(),
+            number => format!("to number {number}"),
+        },
         report.network_ms,
         report.search_ms,
     )

@@ -33,7 +33,7 @@ pub(super) fn draw(
     picture.line(input.reference, GREEN, LINE_PX);
     for target in &plan.targets {
         let is_solved = target.result.outcome == Outcome::Solved;
-        picture.line(&target.result.path, RED, LINE_PX);
+        picture.line(&target.poses(), RED, LINE_PX);
         picture.disc(
             &target.goal,
             GOAL_RADIUS_M,

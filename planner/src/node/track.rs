@@ -1,0 +1,203 @@
+//! Where the vehicle is and how it moves, from odometry.
+
+use std::collections::VecDeque;
+
+use swath_bridge::Pose2;
+use swath_bridge::geometry::wrap_angle_rad;
+use swath_bridge::msg::nav::Odometry;
+
+use crate::report::pose_of_ros;
+
+/// Moments that are kept: more than a second at any usual rate.
+const MOMENTS: usize = 128;
+/// Longest time over which the motion is taken to go on as it was, seconds.
+const MAX_GAP_S: f64 = 0.5;
+const NANOS_PER_S: f64 = 1e9;
+/// Turns slower than this are straight, radians per second.
+const STRAIGHT_RAD_PER_S: f64 = 1e-6;
+/// Below this speed the wheels may be turned before the vehicle has moved, m/s.
+const CREEPING_M_PER_S: f64 = 0.3;
+
+/// The vehicle's motion at one moment.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Moment {
+    pub(super) stamp_nanos: u64,
+    pub(super) odom_from_vehicle: Pose2,
+    pub(super) speed_m_per_s: f64,
+    pub(super) turn_rad_per_s: f64,
+}
+
+impl Moment {
+    fn of(odom: &Odometry) -> Option<Self> {
+        let moment = Self {
+            stamp_nanos: odom.header.stamp.nanos(),
+            odom_from_vehicle: pose_of_ros(&odom.pose.pose),
+            speed_m_per_s: odom.twist.twist.linear.x,
+            turn_rad_per_s: odom.twist.twist.angular.z,
+        };
+        let is_finite = moment.odom_from_vehicle.is_finite()
+            && moment.speed_m_per_s.is_finite()
+            && moment.turn_rad_per_s.is_finite();
+        is_finite.then_some(moment)
+    }
+
+    /// The motion in the vehicle's frame over so many seconds, at the same speed and turn.
+    pub(super) fn moved_by(&self, seconds: f64) -> Pose2 {
+        let length_m = self.speed_m_per_s * seconds;
+        let turn_rad = self.turn_rad_per_s * seconds;
+        if self.turn_rad_per_s.abs() < STRAIGHT_RAD_PER_S {
+            return Pose2::new(length_m, 0.0, 0.0);
+        }
+        let radius_m = self.speed_m_per_s / self.turn_rad_per_s;
+        let (sin, cos) = libm::sincos(turn_rad);
+        Pose2::new(
+            radius_m * sin,
+            radius_m * (1.0 - cos),
+            wrap_angle_rad(turn_rad),
+        )
+    }
+
+    /// The curvature that is driven, 1/m; `None` while the wheels may still be turned.
+    pub(super) fn curvature_per_m(&self) -> Option<f64> {
+        (self.speed_m_per_s >= CREEPING_M_PER_S).then(|| self.turn_rad_per_s / self.speed_m_per_s)
+    }
+
+    fn at(&self, stamp_nanos: u64) -> Self {
+        let seconds = seconds_between(self.stamp_nanos, stamp_nanos);
+        Self {
+            stamp_nanos,
+            odom_from_vehicle: self.odom_from_vehicle.then(&self.moved_by(seconds)),
+            ..*self
+        }
+    }
+}
+
+/// The newest moments, by stamp.
+#[derive(Debug, Default)]
+pub(super) struct Track(VecDeque<Moment>);
+
+impl Track {
+    /// Takes note of a moment. What is not finite, or late, is left out; if time begins anew, as when a
+    /// recording starts over, so does the track.
+    pub(super) fn take(&mut self, odom: &Odometry) {
+        let Some(moment) = Moment::of(odom) else {
+            return;
+        };
+        if let Some(newest) = self.0.back() {
+            let ahead_s = seconds_between(newest.stamp_nanos, moment.stamp_nanos);
+            if ahead_s <= -MAX_GAP_S {
+                self.0.clear();
+            } else if ahead_s <= 0.0 {
+                return;
+            }
+        }
+        if self.0.len() == MOMENTS {
+            self.0.pop_front();
+        }
+        self.0.push_back(moment);
+    }
+
+    /// The motion at a time, unless nothing is known near it.
+    pub(super) fn at(&self, stamp_nanos: u64) -> Option<Moment> {
+        let after = self
+            .0
+            .partition_point(|moment| moment.stamp_nanos <= stamp_nanos);
+        let before = after.checked_sub(1).and_then(|index| self.0.get(index));
+        let nearest = match (before, self.0.get(after)) {
+            (Some(before), Some(after)) => {
+                let since_s = seconds_between(before.stamp_nanos, stamp_nanos);
+                let until_s = seconds_between(stamp_nanos, after.stamp_nanos);
+                if since_s <= until_s { before } else { after }
+            }
+            (Some(one), None) | (None, Some(one)) => one,
+            (None, None) => return None,
+        };
+        let gap_s = seconds_between(nearest.stamp_nanos, stamp_nanos);
+        (gap_s.abs() <= MAX_GAP_S).then(|| nearest.at(stamp_nanos))
+    }
+}
+
+fn seconds_between(from_nanos: u64, to_nanos: u64) -> f64 {
+    let apart = |from: u64, to: u64| to.saturating_sub(from) as f64 / NANOS_PER_S;
+    apart(from_nanos, to_nanos) - apart(to_nanos, from_nanos)
+}
+
+#[cfg(test)]
+mod tests {
+    use swath_bridge::Frame;
+    use swath_bridge::msg::header::Header;
+    use swath_bridge::{GridSpec, Occupancy};
+
+    use super::*;
+    use crate::report::odometry_message;
+
+    fn odometry(stamp_nanos: u64, pose: Pose2, speed_m_per_s: f64, turn: f64) -> Odometry {
+        let spec = GridSpec {
+            rows: 1,
+            cols: 1,
+            ego_row: 0,
+            ego_col: 0,
+            ..GridSpec::default()
+        };
+        let frame = Frame {
+            stamp_nanos,
+            occupancy: Occupancy::filled(spec, 0),
+            odom_from_vehicle: pose,
+            speed_m_per_s,
+            reference: Vec::new(),
+        };
+        let mut odometry = odometry_message(&Header::at(stamp_nanos, "base_link"), &frame);
+        odometry.twist.twist.angular.z = turn;
+        odometry
+    }
+
+    const SECOND: u64 = 1_000_000_000;
+
+    #[test]
+    fn between_moments_the_motion_goes_on_as_it_was() {
+        let mut track = Track::default();
+        assert_eq!(track.at(SECOND), None);
+        track.take(&odometry(SECOND, Pose2::new(3.0, 4.0, 0.0), 2.0, 0.0));
+        let moved = track.at(SECOND + SECOND / 4).unwrap();
+        assert!((moved.odom_from_vehicle.x_m - 3.5).abs() < 1e-9);
+        assert_eq!(track.at(2 * SECOND), None);
+        // A quarter turn to the left on a circle of 4 m.
+        let turn = std::f64::consts::FRAC_PI_2;
+        let circle = odometry(2 * SECOND, Pose2::default(), 4.0 * turn, turn);
+        let moved = Moment::of(&circle).unwrap().moved_by(1.0);
+        assert!((moved.x_m - 4.0).abs() < 1e-9 && (moved.y_m - 4.0).abs() < 1e-9);
+    }
+
+    #[test]
+    fn late_doubled_and_senseless_odometry_changes_nothing() {
+        let mut track = Track::default();
+        track.take(&odometry(SECOND, Pose2::new(1.0, 0.0, 0.0), 1.0, 0.0));
+        let known = track.at(SECOND);
+        track.take(&odometry(SECOND, Pose2::new(9.0, 0.0, 0.0), 1.0, 0.0));
+        track.take(&odometry(
+            SECOND * 9 / 10,
+            Pose2::new(9.0, 0.0, 0.0),
+            1.0,
+            0.0,
+        ));
+        track.take(&odometry(
+            SECOND + 1,
+            Pose2::new(f64::NAN, 0.0, 0.0),
+            1.0,
+            0.0,
+        ));
+        assert_eq!(track.at(SECOND), known);
+        // A recording that starts over.
+        track.take(&odometry(SECOND / 10, Pose2::new(5.0, 0.0, 0.0), 1.0, 0.0));
+        assert!(track.at(SECOND).is_none() && track.at(SECOND / 10).is_some());
+    }
+
+    #[test]
+    fn memory_does_not_grow() {
+        let mut track = Track::default();
+        for k in 0..10 * MOMENTS as u64 {
+            track.take(&odometry(k + 1, Pose2::default(), 1.0, 0.0));
+        }
+        assert_eq!(track.0.len(), MOMENTS);
+    }
+}
