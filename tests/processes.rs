@@ -12,12 +12,12 @@ use nodes::System;
 use swath_bridge::msg::header::Header;
 use swath_bridge::msg::nav::{OccupancyGrid, Path as PathMessage};
 use swath_bridge::msg::swath::{PlanReport, Sample, Weights};
+use swath_bridge::poses::path_message;
 use swath_bridge::recording::Reader;
 use swath_bridge::{
     Cell, FREE, GridSpec, OCCUPIED, Occupancy, Pose2, Publisher, Session, Subscriber, Vehicle, keys,
 };
 use swath_planner::network::Network;
-use swath_planner::report::path_message;
 use swath_planner::{
     FrameInput, FramePlanner, Method, MotionModel, ObstacleConfig, PlanConfig, Start, TargetConfig,
     sample_targets,

@@ -24,6 +24,8 @@ pub(crate) struct Health {
     pub(crate) planners: Vec<PlannerHealth>,
     /// Targets by method and outcome.
     pub(crate) outcomes: Vec<OutcomeCount>,
+    /// Paths by method and how far they can be driven.
+    pub(crate) drivabilities: Vec<OutcomeCount>,
 }
 
 impl Health {
@@ -36,6 +38,7 @@ impl Health {
             weights: training::weights(tables)?,
             planners: plans::planners(tables)?,
             outcomes: plans::outcomes(tables)?,
+            drivabilities: plans::drivabilities(tables)?,
         })
     }
 }

@@ -14,6 +14,8 @@ pub struct Frame {
     pub odom_from_vehicle: Pose2,
     /// Forward speed, m/s.
     pub speed_m_per_s: f64,
+    /// How fast the heading turns to the left, rad/s.
+    pub turn_rad_per_s: f64,
     /// The rough path ahead, in the vehicle frame; may be empty.
     pub reference: Vec<Pose2>,
 }

@@ -23,9 +23,6 @@ pub mod transform;
 
 pub use config::IngestConfig;
 pub use frames::{Frames, IngestReport, frames};
-pub use grids::{
-    GridWriter, MAX_PICTURES, Progress, odometry_message, path_message, picture_of, pose_message,
-    write_grids,
-};
+pub use grids::{GridWriter, MAX_PICTURES, Progress, picture_of, write_grids};
 pub use mapper::Mapper;
 pub use survey::{MAX_TOPICS, SensorKind};

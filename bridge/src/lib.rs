@@ -17,6 +17,7 @@ mod occupancy;
 mod outcome;
 pub mod pgm;
 pub mod picture;
+pub mod poses;
 mod publisher;
 mod queue;
 pub mod recording;

@@ -162,6 +162,7 @@ mod tests {
             occupancy,
             odom_from_vehicle: Pose2::new(along_m, 0.0, 0.0),
             speed_m_per_s: 3.0,
+            turn_rad_per_s: 0.0,
             reference: (0..60)
                 .map(|x| Pose2::new(f64::from(x), 0.0, 0.0))
                 .collect(),

@@ -29,6 +29,8 @@ const PERIOD_NANOS: u64 = 10_000_000;
 pub(crate) const FRAME_ID: &str = "base_link";
 /// Least value of an occupied cell.
 const OCCUPIED_FROM: i8 = 50;
+/// Time over which the turn of a scene's vehicle is taken, seconds.
+const TURN_TIME_S: f64 = 0.02;
 
 /// Where scenes come from.
 #[derive(Debug, Clone, Default)]
@@ -111,6 +113,7 @@ impl Generator {
             occupancy,
             odom_from_vehicle: Pose2::default(),
             speed_m_per_s: scene.speed_m_per_s,
+            turn_rad_per_s: scene.ego_at(TURN_TIME_S).yaw_rad / TURN_TIME_S,
             reference: augment::reference_poses(scene, true),
         }
     }

@@ -23,6 +23,7 @@ use swath_bridge::msg::geometry::PoseArray;
 use swath_bridge::msg::header::Header;
 use swath_bridge::msg::nav::{OccupancyGrid, Odometry, Path};
 use swath_bridge::msg::swath::{PlanReport, Weights};
+use swath_bridge::poses::{path_message, pose_of_ros, poses_of_path, ros_pose};
 use swath_bridge::{
     FREE, GridSpec, OCCUPIED, Occupancy, Publisher, Received, Session, Subscriber, Vehicle, clock,
     keys, signature,
@@ -34,7 +35,7 @@ use crate::frame::{FramePlan, FramePlanner, ObstacleConfig, Start};
 use crate::motion::max_curvature_per_m;
 use crate::network::Network;
 use crate::plan::{Method, PlanConfig};
-use crate::report::{path_message, plan_report, pose_of_ros, poses_of_path, ros_pose};
+use crate::report::plan_report;
 use crate::targets::{MAX_TARGETS, TargetConfig, sample_targets};
 use crate::{Error, MotionModel, Plane};
 

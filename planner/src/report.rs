@@ -1,12 +1,8 @@
 //! Planned frames as messages.
 
-use swath_bridge::msg::geometry::{
-    Point, Pose, PoseStamped, PoseWithCovariance, Quaternion, Twist, TwistWithCovariance, Vector3,
-};
+use swath_bridge::Pose2;
 use swath_bridge::msg::header::Header;
-use swath_bridge::msg::nav::{Odometry, Path};
 use swath_bridge::msg::swath::{PlanReport, PlanarPose, TargetPlan as TargetPlanMessage};
-use swath_bridge::{Frame, Pose2};
 
 use crate::frame::FramePlan;
 use crate::plan::{Method, TargetPlan};
@@ -24,82 +20,6 @@ pub fn planar_pose(pose: &Pose2) -> PlanarPose {
         y_m: pose.y_m as f32,
         yaw_rad: pose.yaw_rad as f32,
     }
-}
-
-/// A plane pose as a ROS pose.
-pub fn ros_pose(pose: &Pose2) -> Pose {
-    let (z, w) = libm::sincos(pose.yaw_rad / 2.0);
-    Pose {
-        position: Point {
-            x: pose.x_m,
-            y: pose.y_m,
-            z: 0.0,
-        },
-        orientation: Quaternion {
-            x: 0.0,
-            y: 0.0,
-            z,
-            w,
-        },
-    }
-}
-
-/// The pose in the plane of a ROS pose: its position, and the heading of its x axis.
-pub fn pose_of_ros(pose: &Pose) -> Pose2 {
-    let q = &pose.orientation;
-    let sin = 2.0 * (q.w * q.z + q.x * q.y);
-    let cos = 1.0 - 2.0 * (q.y * q.y + q.z * q.z);
-    Pose2::new(pose.position.x, pose.position.y, libm::atan2(sin, cos))
-}
-
-/// Poses as a path.
-pub fn path_message(header: &Header, poses: &[Pose2]) -> Path {
-    let stamped = |pose: &Pose2| PoseStamped {
-        header: header.clone(),
-        pose: ros_pose(pose),
-    };
-    Path {
-        header: header.clone(),
-        poses: poses.iter().map(stamped).collect(),
-    }
-}
-
-/// A frame's pose and speed as odometry; the header's frame is the child of `odom`.
-pub fn odometry_message(header: &Header, frame: &Frame) -> Odometry {
-    const UNKNOWN: [f64; 36] = [0.0; 36];
-    let still = Vector3 {
-        x: 0.0,
-        y: 0.0,
-        z: 0.0,
-    };
-    let linear = Vector3 {
-        x: frame.speed_m_per_s,
-        ..still.clone()
-    };
-    Odometry {
-        header: Header {
-            frame_id: "odom".to_owned(),
-            ..header.clone()
-        },
-        child_frame_id: header.frame_id.clone(),
-        pose: PoseWithCovariance {
-            pose: ros_pose(&frame.odom_from_vehicle),
-            covariance: UNKNOWN,
-        },
-        twist: TwistWithCovariance {
-            twist: Twist {
-                linear,
-                angular: still,
-            },
-            covariance: UNKNOWN,
-        },
-    }
-}
-
-/// The poses of a path; those that are not finite are left out.
-pub fn poses_of_path(path: &Path) -> Vec<Pose2> {
-    let poses = path.poses.iter().map(|stamped| pose_of_ros(&stamped.pose));
-    poses.filter(Pose2::is_finite).collect()
 }
 
 /// A report of a planned frame. What belongs to a node (vehicle, frame number, latency, weights, the

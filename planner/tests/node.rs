@@ -8,6 +8,7 @@ use swath_bridge::geometry::wrap_angle_rad;
 use swath_bridge::msg::header::Header;
 use swath_bridge::msg::nav::OccupancyGrid;
 use swath_bridge::msg::swath::{PlanReport, Weights};
+use swath_bridge::poses::{odometry_message, path_message, poses_of_path};
 use swath_bridge::signature::{SigningKey, sign};
 use swath_bridge::{
     Cell, FREE, GridSpec, OCCUPIED, Occupancy, Outcome, Pose2, Publisher, Session, SessionConfig,
@@ -16,7 +17,6 @@ use swath_bridge::{
 use swath_planner::check::{CheckLimits, Ends, check_path};
 use swath_planner::network::{Network, NetworkInfo, Parameters};
 use swath_planner::node::{self, FollowConfig, NodeConfig, NodeSummary};
-use swath_planner::report::{odometry_message, path_message, poses_of_path};
 use swath_planner::{
     Method, ObstacleConfig, PathPoint, PlanConfig, TargetConfig, max_curvature_per_m,
 };
@@ -343,10 +343,10 @@ impl Drive {
             occupancy: Occupancy::filled(GridSpec::default(), FREE),
             odom_from_vehicle: *pose,
             speed_m_per_s,
+            turn_rad_per_s: speed_m_per_s * curvature_per_m,
             reference: Vec::new(),
         };
-        let mut odometry = odometry_message(&header, &frame);
-        odometry.twist.twist.angular.z = speed_m_per_s * curvature_per_m;
+        let odometry = odometry_message(&header, &frame);
         self.odometry.put(&odometry).await.unwrap();
         let road: Vec<Pose2> = (0..140)
             .map(|k| pose.inverse().then(&Pose2::new(f64::from(k), 0.0, 0.0)))

@@ -2,7 +2,9 @@
 
 use std::collections::BTreeMap;
 
-use polars::prelude::{IntoLazy as _, JoinArgs, JoinType, SortMultipleOptions, col, len};
+use polars::prelude::{
+    IntoLazy as _, JoinArgs, JoinType, LazyFrame, SortMultipleOptions, col, len, lit,
+};
 use swath_bridge::keys;
 
 use crate::Error;
@@ -26,6 +28,10 @@ pub(crate) struct PlannerHealth {
     pub(crate) skipped: u64,
     /// Plans that used a network.
     pub(crate) with_network: u64,
+    /// Plans of live grids that chose no path, which tells the vehicle to stop.
+    pub(crate) stops: u64,
+    /// By how much plans with a deadline passed it; 0 for those that kept it.
+    pub(crate) late_ms: Option<Spread>,
     /// From a grid's arrival to its report; of plans of live grids only.
     pub(crate) latency_ms: Option<Spread>,
 }
@@ -36,6 +42,8 @@ struct Seen {
     grids: u64,
     plans: u64,
     with_network: u64,
+    stops: u64,
+    late_ms: Vec<f64>,
     /// Grids skipped before the planner was last restarted.
     skipped_before: u64,
     /// The planner's own count, and the recording that it stands in.
@@ -60,6 +68,10 @@ pub(super) fn planners(tables: &Tables) -> Result<Vec<PlannerHealth>, Error> {
     let versions = counts(&tables.plans, "weights_version", TABLE)?;
     let skipped = counts(&tables.plans, "grids_skipped", TABLE)?;
     let latencies_ms = numbers(&tables.plans, "latency_ms", TABLE)?;
+    let deadlines_ms = numbers(&tables.plans, "deadline_ms", TABLE)?;
+    let totals_ms = numbers(&tables.plans, "total_ms", TABLE)?;
+    let smooth_ms = numbers(&tables.plans, "smooth_ms", TABLE)?;
+    let chosen = numbers(&tables.plans, "chosen", TABLE)?;
     let mut planners: BTreeMap<String, Seen> = BTreeMap::new();
     for (vehicle, grids) in grids(tables)? {
         planners.entry(vehicle).or_default().grids = grids;
@@ -72,6 +84,11 @@ pub(super) fn planners(tables: &Tables) -> Result<Vec<PlannerHealth>, Error> {
         // A plan that did not wait for a grid, as in a benchmark, has no latency.
         if latencies_ms[row] > 0.0 {
             seen.latencies_ms.push(latencies_ms[row]);
+            seen.stops += u64::from(chosen[row] < 0.0);
+        }
+        if deadlines_ms[row] > 0.0 {
+            let took_ms = totals_ms[row] + smooth_ms[row];
+            seen.late_ms.push((took_ms - deadlines_ms[row]).max(0.0));
         }
     }
     Ok(planners
@@ -82,6 +99,8 @@ pub(super) fn planners(tables: &Tables) -> Result<Vec<PlannerHealth>, Error> {
             plans: seen.plans,
             skipped: seen.skipped_before.saturating_add(seen.skipped.1),
             with_network: seen.with_network,
+            stops: seen.stops,
+            late_ms: Spread::of(seen.late_ms),
             latency_ms: Spread::of(seen.latencies_ms),
         })
         .collect())
@@ -101,7 +120,7 @@ fn grids(tables: &Tables) -> Result<BTreeMap<String, u64>, Error> {
     Ok(grids)
 }
 
-/// Targets of a method that had an outcome.
+/// Targets of a method that had an outcome, or paths that can be driven so far.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) struct OutcomeCount {
     /// Method.
@@ -114,25 +133,38 @@ pub(crate) struct OutcomeCount {
 
 /// Targets by method and outcome, in the order of both names.
 pub(super) fn outcomes(tables: &Tables) -> Result<Vec<OutcomeCount>, Error> {
+    counted(tables, "outcome", tables.plans.clone().lazy())
+}
+
+/// Paths by method and how far they can be driven, of plans that made their paths drivable.
+pub(super) fn drivabilities(tables: &Tables) -> Result<Vec<OutcomeCount>, Error> {
     let plans = tables.plans.clone().lazy();
+    let plans = plans.filter(col("smooth_ms").gt(lit(0.0)));
+    let mut counted = counted(tables, "drivability", plans)?;
+    counted.retain(|count| !count.outcome.is_empty());
+    Ok(counted)
+}
+
+/// Targets of plans by method and what a column says of them.
+fn counted(tables: &Tables, said: &str, plans: LazyFrame) -> Result<Vec<OutcomeCount>, Error> {
     let counted = tables
         .targets
         .clone()
         .lazy()
-        .select([col("plan"), col("outcome")])
+        .select([col("plan"), col(said)])
         .join(
             plans.select([col("plan"), col("method")]),
             [col("plan")],
             [col("plan")],
             JoinArgs::new(JoinType::Inner),
         )
-        .group_by([col("method"), col("outcome")])
+        .group_by([col("method"), col(said)])
         .agg([len().alias("targets")])
-        .sort(["method", "outcome"], SortMultipleOptions::default())
+        .sort(["method", said], SortMultipleOptions::default())
         .collect()
         .in_table(TABLE)?;
     let methods = names(&counted, "method", TABLE)?.into_iter();
-    let outcomes = names(&counted, "outcome", TABLE)?;
+    let outcomes = names(&counted, said, TABLE)?;
     let targets = counts(&counted, "targets", TABLE)?;
     Ok(methods
         .zip(outcomes.into_iter().zip(targets))

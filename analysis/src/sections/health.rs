@@ -17,7 +17,12 @@ pub(crate) fn section(health: &Health, drawn: &[String]) -> Section {
     trainers(&mut section, &health.trainers);
     weights(&mut section, &health.weights, drawn);
     planners(&mut section, &health.planners, drawn);
-    outcomes(&mut section, &health.outcomes);
+    let known = swath_bridge::Outcome::ALL.map(swath_bridge::Outcome::name);
+    section.heading("Outcomes");
+    counted(&mut section, &health.outcomes, ("targets", &known));
+    section.heading("Paths");
+    let known = ["at_speed", "slower", "too_tight", "chords"];
+    counted(&mut section, &health.drivabilities, ("paths", &known));
     section
 }
 
@@ -152,6 +157,8 @@ fn planners(section: &mut Section, planners: &[PlannerHealth], drawn: &[String])
         "planned",
         "skipped",
         "with a network",
+        "stops",
+        "over the deadline, most (ms)",
         "latency p50 (ms)",
         "p99 (ms)",
         "most (ms)",
@@ -164,6 +171,8 @@ fn planners(section: &mut Section, planners: &[PlannerHealth], drawn: &[String])
             count(planner.plans),
             count(planner.skipped),
             count(planner.with_network),
+            count(planner.stops),
+            optional(planner.late_ms.map(|late| late.most)),
             latency(|spread| spread.median),
             latency(|spread| spread.p99),
             latency(|spread| spread.most),
@@ -173,18 +182,17 @@ fn planners(section: &mut Section, planners: &[PlannerHealth], drawn: &[String])
     section.plot(drawn, "latency.svg", "Latency of plans");
 }
 
-fn outcomes(section: &mut Section, outcomes: &[OutcomeCount]) {
-    section.heading("Outcomes");
-    if outcomes.is_empty() {
-        section.paragraph("No target was planned to.");
+/// Counts by method, a column for each name: those that are known first, as far as there are any.
+fn counted(section: &mut Section, counts: &[OutcomeCount], (what, known): (&str, &[&str])) {
+    if counts.is_empty() {
+        section.paragraph("There are none.");
         return;
     }
     let mut by_method: BTreeMap<&str, BTreeMap<&str, u64>> = BTreeMap::new();
-    for outcome in outcomes {
-        let of_method = by_method.entry(&outcome.method).or_default();
-        of_method.insert(&outcome.outcome, outcome.targets);
+    for counted in counts {
+        let of_method = by_method.entry(&counted.method).or_default();
+        of_method.insert(&counted.outcome, counted.targets);
     }
-    let known = swath_bridge::Outcome::ALL.map(swath_bridge::Outcome::name);
     let mut columns: Vec<&str> = known.to_vec();
     for of_method in by_method.values() {
         columns.extend(of_method.keys().filter(|name| !known.contains(*name)));
@@ -196,7 +204,7 @@ fn outcomes(section: &mut Section, outcomes: &[OutcomeCount]) {
             .values()
             .any(|of_method| of_method.contains_key(name))
     });
-    let mut grid = Grid::new(["method", "targets"].iter().chain(&columns));
+    let mut grid = Grid::new(["method", what].iter().chain(&columns));
     for (method, of_method) in &by_method {
         let cells = columns
             .iter()

@@ -33,8 +33,12 @@ row_table! {
         search_ms: Option<f64>,
         cpu_ms: Option<f64>,
         total_ms: Option<f64>,
+        smooth_ms: Option<f64>,
+        deadline_ms: Option<f64>,
         latency_ms: Option<f64>,
         grids_skipped: u64,
+        /// Number of the target whose path was to be followed; negative for none.
+        chosen: i64,
     }
 }
 
@@ -66,8 +70,11 @@ impl PlanRow {
             search_ms: number(report.search_ms),
             cpu_ms: number(report.cpu_ms),
             total_ms: number(report.total_ms),
+            smooth_ms: number(report.smooth_ms),
+            deadline_ms: number(report.deadline_ms),
             latency_ms: number(report.latency_ms),
             grids_skipped: report.grids_skipped,
+            chosen: report.chosen.into(),
             vehicle: report.vehicle,
             method: report.method,
             scene: report.scene,
@@ -89,6 +96,7 @@ row_table! {
         length_m: Option<f64>,
         steps: u64,
         time_ms: Option<f64>,
+        drivability: String,
     }
 }
 
@@ -105,6 +113,7 @@ impl TargetRow {
             length_m: number(target.length_m),
             steps: target.steps,
             time_ms: number(target.time_ms),
+            drivability: drivability_name(target),
         }
     }
 }
@@ -114,6 +123,18 @@ pub(super) fn outcome_name(code: u8) -> String {
     Outcome::from_code(code).map_or_else(
         || format!("unknown_{code}"),
         |outcome| outcome.name().to_owned(),
+    )
+}
+
+/// How far a path can be driven; empty without a path.
+fn drivability_name(target: &TargetPlan) -> String {
+    if target.path.is_empty() {
+        return String::new();
+    }
+    let known = ["chords", "at_speed", "slower", "too_tight"];
+    known.get(usize::from(target.drivability)).map_or_else(
+        || format!("unknown_{}", target.drivability),
+        |&name| name.to_owned(),
     )
 }
 

@@ -234,6 +234,7 @@ impl Frames {
             occupancy: self.mapper.occupancy(),
             odom_from_vehicle: moment.odom_from_vehicle,
             speed_m_per_s: moment.speed_m_per_s,
+            turn_rad_per_s: moment.turn_rad_per_s,
             reference: self.survey.track.reference(
                 moment,
                 self.config.reference_step_m,

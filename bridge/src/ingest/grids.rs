@@ -8,12 +8,10 @@ use crate::Error;
 use crate::frame::Frame;
 use crate::geometry::Pose2;
 use crate::keys::{self, Topic};
-use crate::msg::geometry::{
-    Point, Pose, PoseStamped, PoseWithCovariance, Quaternion, Twist, TwistWithCovariance, Vector3,
-};
 use crate::msg::header::Header;
 use crate::msg::nav::{OccupancyGrid, Odometry, Path as PathMessage};
 use crate::picture::{BLUE, GREEN, Picture};
+use crate::poses::{odometry_message, path_message};
 use crate::recording::Writer;
 use crate::vehicle::Vehicle;
 
@@ -23,8 +21,6 @@ pub const MAX_PICTURES: u64 = 100;
 const PIXELS_A_CELL: u32 = 4;
 /// Frame of the vehicle in the messages that are written.
 const VEHICLE_FRAME: &str = "base_link";
-/// Frame of the odometry in the messages that are written.
-const ODOM_FRAME: &str = "odom";
 
 /// How far a log has been read.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -67,12 +63,12 @@ impl GridWriter {
     pub fn write(&mut self, frame: &Frame) -> Result<(), Error> {
         let nanos = frame.stamp_nanos;
         let header = Header::at(nanos, VEHICLE_FRAME);
-        let reference = path_message(&frame.reference, &header);
+        let reference = path_message(&header, &frame.reference);
+        let odometry = odometry_message(&header, frame);
         let grid = frame.occupancy.to_message(header);
         self.writer
             .write(&self.reference, &reference, nanos, nanos)?;
-        self.writer
-            .write(&self.odom, &odometry_message(frame), nanos, nanos)?;
+        self.writer.write(&self.odom, &odometry, nanos, nanos)?;
         self.writer.write(&self.grid, &grid, nanos, nanos)
     }
 
@@ -134,64 +130,5 @@ fn progress_of(frames: &Frames) -> Progress {
         sweeps: frames.report().sweeps,
         of_sweeps: frames.sweeps(),
         frames: frames.report().frames,
-    }
-}
-
-/// Poses of the vehicle frame as a path message.
-pub fn path_message(poses: &[Pose2], header: &Header) -> PathMessage {
-    PathMessage {
-        header: header.clone(),
-        poses: poses
-            .iter()
-            .map(|pose| PoseStamped {
-                header: header.clone(),
-                pose: pose_message(pose),
-            })
-            .collect(),
-    }
-}
-
-/// A frame's pose and speed as an odometry message.
-pub fn odometry_message(frame: &Frame) -> Odometry {
-    let zero = Vector3 {
-        x: 0.0,
-        y: 0.0,
-        z: 0.0,
-    };
-    Odometry {
-        header: Header::at(frame.stamp_nanos, ODOM_FRAME),
-        child_frame_id: VEHICLE_FRAME.to_owned(),
-        pose: PoseWithCovariance {
-            pose: pose_message(&frame.odom_from_vehicle),
-            covariance: [0.0; 36],
-        },
-        twist: TwistWithCovariance {
-            twist: Twist {
-                linear: Vector3 {
-                    x: frame.speed_m_per_s,
-                    ..zero.clone()
-                },
-                angular: zero,
-            },
-            covariance: [0.0; 36],
-        },
-    }
-}
-
-/// A pose in the plane as a message.
-pub fn pose_message(pose: &Pose2) -> Pose {
-    let (sin, cos) = libm::sincos(pose.yaw_rad / 2.0);
-    Pose {
-        position: Point {
-            x: pose.x_m,
-            y: pose.y_m,
-            z: 0.0,
-        },
-        orientation: Quaternion {
-            x: 0.0,
-            y: 0.0,
-            z: sin,
-            w: cos,
-        },
     }
 }

@@ -71,6 +71,8 @@ pub struct Moment {
     pub odom_from_vehicle: Pose2,
     /// Forward speed, m/s.
     pub speed_m_per_s: f64,
+    /// How fast the heading turns to the left, rad/s.
+    pub turn_rad_per_s: f64,
     /// Number of jumps of the odometry before this moment.
     pub jumps: u32,
     /// The first fix behind this moment.
@@ -139,6 +141,7 @@ impl Track {
         Some(Moment {
             odom_from_vehicle: between(&from.odom_from_vehicle, &to.odom_from_vehicle, part),
             speed_m_per_s: self.speed_m_per_s(before, after, part),
+            turn_rad_per_s: self.motion(before, after).1,
             jumps: self.jumps[after],
             next,
         })
@@ -182,16 +185,21 @@ impl Track {
             let (from, to) = (&self.fixes[before], &self.fixes[after]);
             return from.speed_m_per_s + part * (to.speed_m_per_s - from.speed_m_per_s);
         }
-        // The steps to both sides, since a single one may be a short and noisy one.
+        self.motion(before, after).0
+    }
+
+    /// Speed in m/s and turn in rad/s around two fixes, from the steps to both sides of them, since a
+    /// single one may be a short and noisy one.
+    fn motion(&self, before: usize, after: usize) -> (f64, f64) {
         let first = before.saturating_sub(1);
         let last = (after + 1).min(self.fixes.len() - 1);
         let (from, to) = (&self.fixes[first], &self.fixes[last]);
         let span_s = (to.nanos - from.nanos) as f64 / 1e9;
         if span_s <= 0.0 || self.jumps[first] != self.jumps[last] {
-            return 0.0;
+            return (0.0, 0.0);
         }
         let moved = from.odom_from_vehicle.inverse().then(&to.odom_from_vehicle);
-        moved.x_m / span_s
+        (moved.x_m / span_s, moved.yaw_rad / span_s)
     }
 }
 

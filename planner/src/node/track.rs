@@ -5,8 +5,7 @@ use std::collections::VecDeque;
 use swath_bridge::Pose2;
 use swath_bridge::geometry::wrap_angle_rad;
 use swath_bridge::msg::nav::Odometry;
-
-use crate::report::pose_of_ros;
+use swath_bridge::poses::pose_of_ros;
 
 /// Moments that are kept: more than a second at any usual rate.
 const MOMENTS: usize = 128;
@@ -126,12 +125,17 @@ fn seconds_between(from_nanos: u64, to_nanos: u64) -> f64 {
 mod tests {
     use swath_bridge::Frame;
     use swath_bridge::msg::header::Header;
+    use swath_bridge::poses::odometry_message;
     use swath_bridge::{GridSpec, Occupancy};
 
     use super::*;
-    use crate::report::odometry_message;
 
-    fn odometry(stamp_nanos: u64, pose: Pose2, speed_m_per_s: f64, turn: f64) -> Odometry {
+    fn odometry(
+        stamp_nanos: u64,
+        pose: Pose2,
+        speed_m_per_s: f64,
+        turn_rad_per_s: f64,
+    ) -> Odometry {
         let spec = GridSpec {
             rows: 1,
             cols: 1,
@@ -144,11 +148,10 @@ mod tests {
             occupancy: Occupancy::filled(spec, 0),
             odom_from_vehicle: pose,
             speed_m_per_s,
+            turn_rad_per_s,
             reference: Vec::new(),
         };
-        let mut odometry = odometry_message(&Header::at(stamp_nanos, "base_link"), &frame);
-        odometry.twist.twist.angular.z = turn;
-        odometry
+        odometry_message(&Header::at(stamp_nanos, "base_link"), &frame)
     }
 
     const SECOND: u64 = 1_000_000_000;

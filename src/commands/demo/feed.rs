@@ -5,9 +5,9 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use swath_bridge::msg::header::Header;
+use swath_bridge::poses::{odometry_message, path_message};
 use swath_bridge::{Frame, Session, clock, ingest, keys};
 use swath_generator::{Drive, Generator, Scenes};
-use swath_planner::report::{odometry_message, path_message};
 use tokio::time::MissedTickBehavior;
 
 use crate::config::Config;
