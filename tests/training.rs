@@ -13,17 +13,17 @@ use std::path::Path;
 use std::time::{Duration, Instant};
 
 use nodes::{Node, System};
+use soak::NOISE;
 use swath_bridge::msg::swath::{TrainStatus, Weights};
 use swath_bridge::{Session, Subscriber, keys};
 use swath_planner::network::Network;
 use swath_trainer::{CHECKPOINT_FILE, Checkpoint, WEIGHTS_FILE};
 
 mod nodes;
+mod soak;
 
 /// Longer than anything but the soak takes, so that a test that would hang fails.
 const PATIENCE: Duration = Duration::from_mins(4);
-/// How long memory is watched without being told otherwise.
-const SOAK: Duration = Duration::from_secs(20);
 /// Longest time without a step.
 const STANDSTILL: Duration = Duration::from_secs(30);
 /// Rounds of killing.
@@ -32,8 +32,6 @@ const KILLS: u64 = 6;
 const PUBLISH_EVERY: u64 = 2;
 /// Samples that the trainer keeps: so few that the buffer is full before memory is watched.
 const KEPT: &str = "200";
-/// Growth from one third of the soak to the next that is still noise, bytes.
-const NOISE: u64 = 24 << 20;
 
 /// Starts the trainer, or goes on with what it left.
 fn train(system: &System, out: &Path) -> Node {
@@ -97,20 +95,7 @@ async fn kill_again_and_again(session: &Session, system: &System, out: &Path) {
     assert!(last >= KILLS);
 }
 
-/// Resident memory of a process, bytes.
-fn memory(node: &Node) -> u64 {
-    let status = std::fs::read_to_string(format!("/proc/{}/status", node.0.id())).unwrap();
-    let line = status.lines().find_map(|line| line.strip_prefix("VmRSS:"));
-    let kib: u64 = line
-        .unwrap()
-        .trim()
-        .trim_end_matches(" kB")
-        .parse()
-        .unwrap();
-    kib << 10
-}
-
-async fn memory_stays_flat(session: &Session, nodes: &[(&str, &Node)], soak: Duration) {
+async fn memory_stays_flat(session: &Session, nodes: &[(&str, &Node)], length: Duration) {
     let mut status = session
         .subscriber(&keys::train_status("*"), 64)
         .await
@@ -119,10 +104,10 @@ async fn memory_stays_flat(session: &Session, nodes: &[(&str, &Node)], soak: Dur
     while status.recv().await.unwrap().message.buffered < kept {}
     let mut peaks = vec![[0_u64; 3]; nodes.len()];
     for third in 0..3 {
-        let end = Instant::now() + soak / 3;
+        let end = Instant::now() + length / 3;
         while Instant::now() < end {
             for (peaks, (_, node)) in peaks.iter_mut().zip(nodes) {
-                peaks[third] = peaks[third].max(memory(node));
+                peaks[third] = peaks[third].max(soak::memory_bytes(node));
             }
             let next = tokio::time::timeout(STANDSTILL, status.recv()).await;
             assert!(
@@ -140,7 +125,7 @@ async fn memory_stays_flat(session: &Session, nodes: &[(&str, &Node)], soak: Dur
     }
 }
 
-async fn all(folder: &Path, soak: Duration) {
+async fn all(folder: &Path, length: Duration) {
     let out = folder.join("run");
     let system = System::new(folder, "");
     let session = system.session().await;
@@ -148,7 +133,7 @@ async fn all(folder: &Path, soak: Duration) {
     kill_again_and_again(&session, &system, &out).await;
     let trainer = train(&system, &out);
     let nodes = [("generator", &generator), ("trainer", &trainer)];
-    memory_stays_flat(&session, &nodes, soak).await;
+    memory_stays_flat(&session, &nodes, length).await;
     for node in [trainer, generator] {
         assert!(node.stop().success());
     }
@@ -156,13 +141,11 @@ async fn all(folder: &Path, soak: Duration) {
 
 #[test]
 fn a_trainer_survives_being_killed_and_memory_stays_flat() {
-    let soak = std::env::var("SWATH_SOAK_S").ok();
-    let soak = soak.map_or(SOAK, |seconds| {
-        Duration::from_secs(seconds.parse().unwrap())
-    });
+    let length = soak::length();
     let folder = tempfile::tempdir().unwrap();
     let runtime = tokio::runtime::Runtime::new().unwrap();
-    let ended = runtime
-        .block_on(async { tokio::time::timeout(PATIENCE + soak, all(folder.path(), soak)).await });
+    let ended = runtime.block_on(async {
+        tokio::time::timeout(PATIENCE + length, all(folder.path(), length)).await
+    });
     assert!(ended.is_ok(), "not done within {PATIENCE:?} and the soak");
 }

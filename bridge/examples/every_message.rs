@@ -266,6 +266,7 @@ fn target(outcome: Outcome) -> TargetPlan {
         goal: planar(20.0),
         status: outcome.code(),
         cost: if solved { 21.75 } else { f64::NAN },
+        bound: if solved { 1.2 } else { f32::NAN },
         length_m: if solved { 20.1 } else { f64::NAN },
         steps: u64::MAX,
         time_ms: 3.7,

@@ -97,6 +97,7 @@ mod tests {
             result: TargetResult {
                 outcome: Outcome::Solved,
                 cost,
+                bound: 1.0,
                 length_m: cost,
                 steps: 1,
                 path: Vec::new(),

@@ -80,6 +80,7 @@ fn target_message(plan: &TargetPlan, chords_were_tested: bool) -> TargetPlanMess
         goal: planar_pose(&plan.goal),
         status: plan.result.outcome.code(),
         cost: plan.result.cost,
+        bound: plan.result.bound as f32,
         length_m: plan.result.length_m,
         steps: plan.result.steps,
         time_ms: millis(plan.cpu) as f32,

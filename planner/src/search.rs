@@ -104,6 +104,8 @@ pub struct TargetResult {
     pub outcome: Outcome,
     /// Metres plus radians along the path, never scaled; NaN unless solved.
     pub cost: f64,
+    /// The cost is proved to be at most so many times the optimum; NaN where nothing is proved.
+    pub bound: f64,
     /// Length of the path, metres; NaN unless solved.
     pub length_m: f64,
     /// Expansions.
@@ -118,6 +120,7 @@ impl TargetResult {
         Self {
             outcome,
             cost: f64::NAN,
+            bound: f64::NAN,
             length_m: f64::NAN,
             steps,
             path: Vec::new(),
@@ -325,7 +328,11 @@ impl<'a> Search<'a> {
 
         while let Some((state, cost)) = self.memory.pop() {
             if self.goal.accepts(state) {
-                return path::trace(self.map, self.memory, state, self.steps);
+                return TargetResult {
+                    // A region's weight scales the path's cost, and overestimates the rest as much.
+                    bound: self.region.map_or(1.0, |region| region.weight.powi(-2)),
+                    ..path::trace(self.map, self.memory, state, self.steps)
+                };
             }
             self.steps += 1;
             self.expand(state, cost);

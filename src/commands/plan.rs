@@ -103,6 +103,8 @@ struct TargetJson {
     status: Outcome,
     /// Not a number, and so null, unless solved.
     cost: f64,
+    /// The cost is at most so many times the optimum; null if nothing is proved.
+    bound: f64,
     length_m: f64,
     steps: u64,
     time_ms: f64,
@@ -126,6 +128,7 @@ impl PlanJson {
                 goal: triple(&target.goal),
                 status: target.result.outcome,
                 cost: target.result.cost,
+                bound: target.result.bound,
                 length_m: target.result.length_m,
                 steps: target.result.steps,
                 time_ms: millis(target.cpu),

@@ -33,6 +33,7 @@ pub(crate) fn target(
         },
         status: outcome.code(),
         cost: if solved { cost } else { f64::NAN },
+        bound: f32::NAN,
         length_m: if solved { cost } else { f64::NAN },
         steps,
         time_ms,

@@ -172,6 +172,8 @@ pub struct TargetPlan {
     pub status: u8,
     /// Metres + radians, never scaled; NaN unless solved.
     pub cost: f64,
+    /// The cost is at most so many times the optimum; NaN if nothing is proved.
+    pub bound: f32,
     /// NaN unless solved.
     pub length_m: f64,
     /// Expansions.

@@ -8,6 +8,10 @@
 //! 4. If any targets are left: the trunk goes on farther off, and they are searched for again. The
 //!    trunk's paths are often within the bound at once; else they are paths that a search may stop at.
 //!
+//! Under a deadline the last searches go in rounds, each longer than the one before, so that no target
+//! that takes long keeps others from their turn. What is found by then counts, with the bound that is
+//! proved by then, even if that is not ε yet.
+//!
 //! Targets are handed to the threads in order of use. Each is searched for on its own, from what was
 //! there before any of them, so results do not depend on the number of threads or on who is first; only
 //! a deadline makes them depend on the machine.
@@ -20,7 +24,7 @@ use swath_bridge::{Outcome, Pose2};
 
 use super::distance::Distances;
 use super::goal::Goal;
-use super::target::{Aims, End, Search, Shared};
+use super::target::{Aims, Search, Shared};
 use super::tree::{Tree, Weights};
 use super::trunk::Trunk;
 use super::{Limits, TargetResult, cell_steps};
@@ -29,6 +33,10 @@ use crate::collision::CollisionMap;
 use crate::motion::Successors;
 use crate::timing::CpuTimer;
 
+/// Expansions of each target in the first round under a deadline, as a multiple of the first search's.
+const FIRST_ROUND: u64 = 8;
+/// The same in each further round, as a multiple of the round before.
+const NEXT_ROUND: u64 = 4;
 /// How much of what ε allows beyond 1 a new state's key makes use of.
 const WEIGHT_SHARE: f64 = 0.5;
 
@@ -75,6 +83,21 @@ impl Default for Effort {
             first: 500,
             few: 20_000,
         }
+    }
+}
+
+const NOTHING: TargetResult = TargetResult::without_path(Outcome::BudgetExhausted, 0);
+
+/// The cheaper one of two undecided results, with what both have proved.
+fn better_of(a: TargetResult, b: TargetResult) -> TargetResult {
+    if a.outcome != Outcome::Solved || b.outcome != Outcome::Solved {
+        return if a.outcome == Outcome::Solved { a } else { b };
+    }
+    let least = (a.cost / a.bound).max(b.cost / b.bound);
+    let best = if b.cost < a.cost { b } else { a };
+    TargetResult {
+        bound: (best.cost / least).max(1.0),
+        ..best
     }
 }
 
@@ -164,11 +187,8 @@ impl FrameMemory {
         } else {
             left
         };
-        let is_limit = rules
-            .limits
-            .max_expansions
-            .is_some_and(|most| most <= spent);
-        if left.is_empty() || is_limit || rules.limits.asked().is_some() {
+        let most = rules.limits.max_expansions.unwrap_or(u64::MAX);
+        if left.is_empty() || spent >= most || rules.limits.asked().is_some() {
             return Ok(results);
         }
         let unsolved: Vec<&Goal> = left.iter().filter_map(|&at| goals[at].as_ref()).collect();
@@ -176,12 +196,21 @@ impl FrameMemory {
         let (map, successors) = (frame.map, frame.successors);
         let far = (self.effort.far, &stop as _);
         self.trunk.spread(map, successors, &unsolved, far);
-        self.search_for(
-            frame,
-            rules,
-            (&goals, left),
-            ((&mut spent, u64::MAX), &mut results),
-        );
+        // Under a deadline nothing that takes long keeps the others from their turn.
+        let mut left = left;
+        let mut each = match rules.limits.stop {
+            Some(_) => each.max(FIRST_ROUND * self.effort.first),
+            None => u64::MAX,
+        };
+        while !left.is_empty() && !stop() && spent < most {
+            left = self.search_for(
+                frame,
+                rules,
+                (&goals, left),
+                ((&mut spent, each), &mut results),
+            );
+            each = each.saturating_mul(NEXT_ROUND);
+        }
         Ok(results)
     }
 
@@ -269,15 +298,14 @@ impl FrameMemory {
         let mut is_decided = vec![false; goals.len()];
         for (number, end, cpu) in workers.map(work).collect::<Vec<_>>().into_iter().flatten() {
             let (result, all_cpu) = &mut results[number];
-            let before = result.steps;
-            *result = match end {
-                End::Result(result) => {
-                    is_decided[number] = true;
-                    result
-                }
-                End::Limit(outcome, steps) => TargetResult::without_path(outcome, steps),
+            let steps = result.steps + end.result.steps;
+            is_decided[number] = end.is_decided;
+            *result = if end.is_decided {
+                end.result
+            } else {
+                better_of(std::mem::replace(result, NOTHING), end.result)
             };
-            result.steps += before;
+            result.steps = steps;
             *all_cpu += cpu;
         }
         let undecided = |number: &&usize| !is_decided[**number];

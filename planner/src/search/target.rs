@@ -23,7 +23,7 @@ use super::trunk::Trunk;
 use super::{CellStep, Limits, SHORT_STOP_INTERVAL, TargetResult, floor_units, path};
 use crate::action::{ACTIONS, AHEAD, DIRECTIONS};
 use crate::collision::{CollisionMap, WORD};
-use crate::motion::{Side, Successors};
+use crate::motion::{COST_UNITS, Side, Successors};
 
 /// What all targets of a frame share.
 #[derive(Debug)]
@@ -78,12 +78,12 @@ impl Aims {
     }
 }
 
-/// What stopped a search.
-pub(super) enum End {
-    /// The target's result.
-    Result(TargetResult),
-    /// The limit came first, after so many steps.
-    Limit(Outcome, u64),
+/// How a search ended.
+pub(super) struct End {
+    /// What it found.
+    pub(super) result: TargetResult,
+    /// Whether that is as good as was asked for; else the limit came first.
+    pub(super) is_decided: bool,
 }
 
 /// A search for one target.
@@ -119,27 +119,43 @@ impl<'a> Search<'a> {
         let far_enough = self.weights.ceiling(u64::from(least));
         let is_spread = self.shared.trunk.is_spread();
         if let Some((_, state)) = self.best.filter(|best| is_spread && best.0 <= far_enough) {
-            return End::Result(self.trace(state));
+            return self.decided(self.trace(state, least));
         }
         while let Some((state, place, key)) = self.tree.pop() {
             if self.best.is_some_and(|(cost, _)| key >= cost) {
                 break;
             }
             if let Some(outcome) = limits.reached(self.steps, SHORT_STOP_INTERVAL) {
-                return End::Limit(outcome, self.steps);
+                return End {
+                    result: self.so_far((outcome, least.max(self.weights.floor(key)))),
+                    is_decided: false,
+                };
             }
             self.tree.set_stage(place, Stage::Expanded);
             self.steps += 1;
             self.expand(state, self.tree.cost(place));
         }
-        End::Result(match self.best {
-            Some((_, state)) => self.trace(state),
-            None => TargetResult::without_path(Outcome::Unreachable, self.steps),
-        })
+        let least = self.best.map_or(0, |(cost, _)| self.weights.floor(cost));
+        self.decided(self.so_far((Outcome::Unreachable, least)))
     }
 
-    /// The path through a state where it meets the trunk.
-    fn trace(&self, meeting: State) -> TargetResult {
+    const fn decided(&self, result: TargetResult) -> End {
+        End {
+            result,
+            is_decided: true,
+        }
+    }
+
+    /// The best path so far where every path costs at least so much, or else an outcome.
+    fn so_far(&self, (outcome, least): (Outcome, u32)) -> TargetResult {
+        match self.best {
+            Some((_, state)) => self.trace(state, least),
+            None => TargetResult::without_path(outcome, self.steps),
+        }
+    }
+
+    /// The path through a state where it meets the trunk, if every path costs at least so much.
+    fn trace(&self, meeting: State, least: u32) -> TargetResult {
         let (map, trunk) = (self.shared.map, self.shared.trunk);
         let mut actions = path::actions_to(map, |state| trunk.parent(state), meeting);
         let mut state = meeting;
@@ -149,7 +165,11 @@ impl<'a> Search<'a> {
             let cell = state.cell().wrapping_add_signed(step.offset as isize);
             state = State::new(cell, step.direction);
         }
-        path::along(map, &actions, self.steps)
+        let path = path::along(map, &actions, self.steps);
+        TargetResult {
+            bound: (path.cost * COST_UNITS / f64::from(least.max(1))).max(1.0),
+            ..path
+        }
     }
 
     #[inline]

@@ -249,10 +249,21 @@ impl Weights {
         }
     }
 
+    /// The bound ε.
+    pub(super) fn epsilon(self) -> f64 {
+        self.epsilon as f64 / WEIGHT_ONE
+    }
+
     /// The greatest cost of a path that is within the bound if the optimum is at least `least`.
     #[inline]
     pub(super) fn ceiling(self, least: u64) -> u32 {
         saturated((least * self.epsilon) >> WEIGHT_BITS)
+    }
+
+    /// The least optimum of which this may be a key.
+    #[inline]
+    pub(super) fn floor(self, key: u32) -> u32 {
+        saturated((u64::from(key) << WEIGHT_BITS) / self.epsilon)
     }
 
     /// The key of a state of cost `cost`, from which at least `rest` is to come.

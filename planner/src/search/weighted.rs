@@ -101,7 +101,10 @@ impl Search<'_> {
             return TargetResult::without_path(Outcome::Unreachable, self.steps);
         };
         let actions = path::actions_to(self.map, |state| self.tree.parent(state), last);
-        path::along(self.map, &actions, self.steps)
+        TargetResult {
+            bound: self.weights.epsilon(),
+            ..path::along(self.map, &actions, self.steps)
+        }
     }
 
     fn expand(&mut self, state: State, cost: u32) {

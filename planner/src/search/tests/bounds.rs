@@ -89,10 +89,18 @@ proptest! {
         let mut memory = SearchMemory::new();
         let mut weighted = WeightedMemory::default();
         let together = swath(&map, &goals, (epsilon, EFFORTS[effort]), Limits::default());
+        let few = Limits { max_expansions: Some(20), ..Limits::default() };
+        let in_part = swath(&map, &goals, (epsilon, EFFORTS[effort]), few);
         let oracle = Oracle::new(small_spec(), vehicle, occupied, 1.4);
-        for (goal, together) in goals.iter().zip(together) {
+        for (goal, (together, in_part)) in goals.iter().zip(together.into_iter().zip(in_part)) {
             let none = Limits::default();
             let best = search(&map, &successors, (goal, None), none, &mut memory).unwrap();
+            if in_part.outcome == Outcome::Solved {
+                prop_assert!(in_part.cost <= in_part.bound * best.cost + 1e-4);
+                check_path(&oracle, goal, &in_part);
+            } else if in_part.outcome != Outcome::BudgetExhausted {
+                prop_assert_eq!(in_part.outcome, best.outcome);
+            }
             let alone =
                 search_weighted(&map, &successors, (goal, epsilon), none, &mut weighted).unwrap();
             for found in [alone, together] {
@@ -101,6 +109,8 @@ proptest! {
                     prop_assert!(found.cost <= epsilon * best.cost + 1e-4,
                         "{} against {}", found.cost, best.cost);
                     prop_assert!(found.cost >= best.cost - 1e-4);
+                    prop_assert!(found.cost <= found.bound * best.cost + 1e-4);
+                    prop_assert!(found.bound <= epsilon + 1e-4);
                     check_path(&oracle, goal, &found);
                 }
             }

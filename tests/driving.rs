@@ -1,0 +1,221 @@
+//! A planner as a process on ten grids a second of a simulated drive, with fifty targets: every frame is
+//! planned, on time, every chosen path can be driven, and memory does not grow.
+//!
+//! `SWATH_SOAK_S` lengthens it, in seconds; what it measured is printed.
+
+#![expect(
+    clippy::unwrap_used,
+    clippy::print_stderr,
+    reason = "helpers of tests, and what a soak measured"
+)]
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+use std::time::Duration;
+
+use nodes::{Node, System};
+use soak::NOISE;
+use swath_bridge::msg::header::Header;
+use swath_bridge::msg::nav::{OccupancyGrid, Odometry, Path};
+use swath_bridge::msg::swath::PlanReport;
+use swath_bridge::poses::{odometry_message, path_message};
+use swath_bridge::{Frame, GridSpec, Pose2, Publisher, Session, Subscriber, Vehicle, keys};
+use swath_generator::{Drive, Generator, GeneratorConfig, Scenes};
+use swath_planner::check::{CheckLimits, Ends, check_path};
+use swath_planner::{ObstacleConfig, PathPoint, Plane, max_curvature_per_m};
+use tokio::time::{Instant, MissedTickBehavior, interval, timeout};
+
+mod nodes;
+mod soak;
+
+const VEHICLE: &str = "v0";
+const PERIOD: Duration = Duration::from_millis(100);
+/// Longer than the planner takes to start.
+const PATIENCE: Duration = Duration::from_mins(1);
+/// Frames that are kept until their plan comes.
+const FRAMES: usize = 64;
+/// Share of the grids that are planned on; other tests may be using the machine.
+const LEAST_PLANNED: f64 = 0.9;
+const SEED: u64 = 77;
+
+/// What a vehicle sends and hears.
+struct Car {
+    grids: Publisher<OccupancyGrid>,
+    odometry: Publisher<Odometry>,
+    references: Publisher<Path>,
+    plans: Subscriber<PlanReport>,
+    drive: Drive,
+    /// What was seen in the newest frames, by stamp.
+    seen: BTreeMap<u64, Plane>,
+    stamp: u64,
+}
+
+impl Car {
+    async fn new(session: &Session) -> Self {
+        let generator = Generator::new(GeneratorConfig::default(), Scenes::Procedural).unwrap();
+        Self {
+            grids: session.publisher(&keys::grid(VEHICLE)).await.unwrap(),
+            odometry: session.publisher(&keys::odom(VEHICLE)).await.unwrap(),
+            references: session.publisher(&keys::reference(VEHICLE)).await.unwrap(),
+            plans: session.subscriber(&keys::plan(VEHICLE), 64).await.unwrap(),
+            drive: Drive::new(Arc::new(generator), SEED),
+            seen: BTreeMap::new(),
+            stamp: 0,
+        }
+    }
+
+    /// Sends the next frame of the drive.
+    async fn send(&mut self) {
+        let (_, frame) = self.drive.next().unwrap();
+        self.stamp += u64::try_from(PERIOD.as_nanos()).unwrap();
+        let header = Header::at(self.stamp, "base_link");
+        let Frame {
+            reference,
+            occupancy,
+            ..
+        } = &frame;
+        self.references
+            .put(&path_message(&header, reference))
+            .await
+            .unwrap();
+        self.odometry
+            .put(&odometry_message(&header, &frame))
+            .await
+            .unwrap();
+        let obstacles = ObstacleConfig::default().obstacles(occupancy);
+        self.seen.insert(self.stamp, obstacles);
+        if self.seen.len() > FRAMES {
+            self.seen.pop_first();
+        }
+        self.grids.put(&occupancy.to_message(header)).await.unwrap();
+    }
+
+    /// Checks the chosen path of a report, if there is one.
+    fn check(&self, report: &PlanReport) {
+        let chosen = usize::try_from(report.chosen).ok();
+        let (Some(target), Some(obstacles)) = (
+            chosen.map(|number| &report.targets[number]),
+            self.seen.get(&report.header.stamp.nanos()),
+        ) else {
+            return;
+        };
+        let mut points: Vec<PathPoint> = Vec::new();
+        for (at, &curvature) in target.path.iter().zip(&target.curvature_per_m) {
+            let pose = Pose2::new(at.x_m.into(), at.y_m.into(), at.yaw_rad.into());
+            let step_m = points
+                .last()
+                .map_or(0.0, |last| last.pose.distance_m(&pose));
+            points.push(PathPoint {
+                pose,
+                curvature_per_m: curvature.into(),
+                at_m: points.last().map_or(0.0, |last| last.at_m) + step_m,
+            });
+        }
+        let goal = &target.goal;
+        let ends = Ends {
+            start: points[0].pose,
+            start_curvature_per_m: None,
+            goal: Pose2::new(goal.x_m.into(), goal.y_m.into(), goal.yaw_rad.into()),
+        };
+        let vehicle = Vehicle::default();
+        let at_speed = max_curvature_per_m(report.speed_m_per_s.into());
+        let limits = CheckLimits::new(&vehicle, at_speed.min(1.0 / vehicle.min_turning_radius_m));
+        let found = check_path((&GridSpec::default(), obstacles), &limits, &ends, &points);
+        assert!(found.is_empty(), "frame {}: {found:?}", report.frame);
+    }
+}
+
+/// What the plans came to.
+#[derive(Default)]
+struct Tally {
+    plans: usize,
+    chosen: usize,
+    solved: usize,
+    latencies_ms: Vec<f32>,
+    most_late_ms: f32,
+    peaks: [u64; 3],
+}
+
+impl Tally {
+    fn add(&mut self, report: &PlanReport) {
+        self.plans += 1;
+        self.chosen += usize::from(report.chosen >= 0);
+        self.solved += report
+            .targets
+            .iter()
+            .filter(|target| target.status == 0)
+            .count();
+        self.latencies_ms.push(report.latency_ms);
+        let late_ms = report.total_ms + report.smooth_ms - report.deadline_ms;
+        self.most_late_ms = self.most_late_ms.max(late_ms);
+    }
+
+    fn print(&mut self, grids: usize) {
+        self.latencies_ms.sort_by(f32::total_cmp);
+        let last = self.latencies_ms.len() - 1;
+        eprintln!(
+            "{} of {grids} grids planned, {} with a chosen path, {} targets solved; grid to plan: p50 \
+             {:.1} ms, p99 {:.1} ms, at most {:.1} ms; over the deadline by at most {:.1} ms; memory at \
+             most {:?} MiB in each third",
+            self.plans,
+            self.chosen,
+            self.solved,
+            self.latencies_ms[last / 2],
+            self.latencies_ms[last * 99 / 100],
+            self.latencies_ms[last],
+            self.most_late_ms,
+            self.peaks.map(|bytes| bytes >> 20),
+        );
+    }
+}
+
+async fn all(folder: &std::path::Path, length: Duration) {
+    let system = System::new(folder, "");
+    let session = system.session().await;
+    let mut car = Car::new(&session).await;
+    let planner: Node = system.start(&["plan"]);
+    car.grids.wait_for_subscribers().await.unwrap();
+    // The first frames give the planner its memory.
+    while timeout(PERIOD, car.plans.recv()).await.is_err() {
+        car.send().await;
+    }
+    let mut tally = Tally::default();
+    let mut ticks = interval(PERIOD);
+    ticks.set_missed_tick_behavior(MissedTickBehavior::Delay);
+    let (start, mut grids) = (Instant::now(), 0);
+    while start.elapsed() < length {
+        tokio::select! {
+            biased;
+            Some(plan) = car.plans.recv() => {
+                car.check(&plan.message);
+                tally.add(&plan.message);
+            }
+            _ = ticks.tick() => {
+                car.send().await;
+                grids += 1;
+                let third = start.elapsed().as_millis() * 3 / length.as_millis();
+                let peak = &mut tally.peaks[usize::try_from(third).unwrap().min(2)];
+                *peak = soak::memory_bytes(&planner).max(*peak);
+            }
+        }
+    }
+    tally.print(grids);
+    assert!(tally.plans as f64 >= LEAST_PLANNED * grids as f64);
+    assert!(2 * tally.chosen > tally.plans, "mostly stopped");
+    assert!(
+        tally.peaks[2] <= tally.peaks[1] + NOISE,
+        "{:?}",
+        tally.peaks
+    );
+    assert!(planner.stop().success());
+}
+
+#[test]
+fn ten_grids_a_second_are_planned_to_fifty_targets() {
+    let length = soak::length();
+    let folder = tempfile::tempdir().unwrap();
+    let runtime = tokio::runtime::Runtime::new().unwrap();
+    let ended =
+        runtime.block_on(async { timeout(PATIENCE + length, all(folder.path(), length)).await });
+    assert!(ended.is_ok(), "not done within {PATIENCE:?} and the soak");
+}
