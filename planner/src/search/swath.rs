@@ -191,27 +191,39 @@ impl FrameMemory {
         if left.is_empty() || spent >= most || rules.limits.asked().is_some() {
             return Ok(results);
         }
+        self.search_farther(
+            frame,
+            rules,
+            (&goals, left),
+            ((&mut spent, each), &mut results),
+        );
+        Ok(results)
+    }
+
+    /// Searches for the targets that are left, with the trunk's states farther off: without end, or in
+    /// rounds of at least so many expansions each.
+    fn search_farther(
+        &mut self,
+        frame: &Frame<'_>,
+        rules: &Rules<'_>,
+        (goals, mut left): (&[Option<Goal>], Vec<usize>),
+        ((spent, mut each), results): ((&mut u64, u64), &mut [(TargetResult, Duration)]),
+    ) {
         let unsolved: Vec<&Goal> = left.iter().filter_map(|&at| goals[at].as_ref()).collect();
+        let most = rules.limits.max_expansions.unwrap_or(u64::MAX);
         let stop = || rules.limits.asked().is_some();
         let (map, successors) = (frame.map, frame.successors);
         let far = (self.effort.far, &stop as _);
         self.trunk.spread(map, successors, &unsolved, far);
         // Under a deadline nothing that takes long keeps the others from their turn.
-        let mut left = left;
-        let mut each = match rules.limits.stop {
+        each = match rules.limits.stop {
             Some(_) => each.max(FIRST_ROUND * self.effort.first),
             None => u64::MAX,
         };
-        while !left.is_empty() && !stop() && spent < most {
-            left = self.search_for(
-                frame,
-                rules,
-                (&goals, left),
-                ((&mut spent, each), &mut results),
-            );
+        while !left.is_empty() && !stop() && *spent < most {
+            left = self.search_for(frame, rules, (goals, left), ((spent, each), results));
             each = each.saturating_mul(NEXT_ROUND);
         }
-        Ok(results)
     }
 
     /// Searches for targets with at most so many expansions each, as far as the rules' limit leaves any

@@ -86,6 +86,15 @@ pub(super) struct End {
     pub(super) is_decided: bool,
 }
 
+impl End {
+    const fn decided(result: TargetResult) -> Self {
+        Self {
+            result,
+            is_decided: true,
+        }
+    }
+}
+
 /// A search for one target.
 pub(super) struct Search<'a> {
     shared: &'a Shared<'a>,
@@ -119,7 +128,7 @@ impl<'a> Search<'a> {
         let far_enough = self.weights.ceiling(u64::from(least));
         let is_spread = self.shared.trunk.is_spread();
         if let Some((_, state)) = self.best.filter(|best| is_spread && best.0 <= far_enough) {
-            return self.decided(self.trace(state, least));
+            return End::decided(self.trace(state, least));
         }
         while let Some((state, place, key)) = self.tree.pop() {
             if self.best.is_some_and(|(cost, _)| key >= cost) {
@@ -136,14 +145,7 @@ impl<'a> Search<'a> {
             self.expand(state, self.tree.cost(place));
         }
         let least = self.best.map_or(0, |(cost, _)| self.weights.floor(cost));
-        self.decided(self.so_far((Outcome::Unreachable, least)))
-    }
-
-    const fn decided(&self, result: TargetResult) -> End {
-        End {
-            result,
-            is_decided: true,
-        }
+        End::decided(self.so_far((Outcome::Unreachable, least)))
     }
 
     /// The best path so far where every path costs at least so much, or else an outcome.
