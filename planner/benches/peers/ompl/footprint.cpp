@@ -82,30 +82,35 @@ bool Footprint::is_free(const Pose &pose) const {
 
 Footprint::Verdict Footprint::judge_by_discs(const Pose &pose) const {
   const double cos = std::cos(pose.yaw_rad), sin = std::sin(pose.yaw_rad);
-  struct Probe {
-    double clearance_cells, aside_cells;
+  struct Place {
+    double row, col;
+    int near_row, near_col;  // the cell of the grid that is nearest
   };
-  // The clearance of the cell of the grid that is nearest to a place, and the distance to its centre.
-  const auto probe_at = [&](double ahead_m) {
+  const auto place_at = [&](double ahead_m) {
     const double row = grid_.row_of(pose.x_m + ahead_m * cos);
     const double col = grid_.col_of(pose.y_m + ahead_m * sin);
-    const int near_row = std::clamp(static_cast<int>(std::lround(row)), 0, grid_.rows - 1);
-    const int near_col = std::clamp(static_cast<int>(std::lround(col)), 0, grid_.cols - 1);
-    return Probe{clearance_cells_[near_row * grid_.cols + near_col],
-                 std::hypot(row - near_row, col - near_col)};
+    const auto nearest = [](double at, int count) {
+      return static_cast<int>(std::min(std::max(at + 0.5, 0.0), count - 1.0));
+    };
+    return Place{row, col, nearest(row, grid_.rows), nearest(col, grid_.cols)};
   };
-  const auto holds_occupied_centre = [&](double ahead_m) {
-    const Probe probe = probe_at(ahead_m);
-    return probe.clearance_cells + probe.aside_cells < inner_cells_;
+  const auto clearance_at = [&](const Place &place) {
+    return clearance_cells_[place.near_row * grid_.cols + place.near_col];
   };
-  if (std::any_of(inner_m_.begin(), inner_m_.end(), holds_occupied_centre))
-    return Verdict::kHit;
   // A place off the grid is no nearer to any occupied cell than where the grid's edge is nearest to it.
   const auto is_clear = [&](double ahead_m) {
-    return probe_at(ahead_m).clearance_cells > outer_cells_ + 2.0 * kHalfDiagonalCells;
+    return clearance_at(place_at(ahead_m)) > outer_cells_ + 2.0 * kHalfDiagonalCells;
   };
-  return std::all_of(outer_m_.begin(), outer_m_.end(), is_clear) ? Verdict::kFree
-                                                                 : Verdict::kUnclear;
+  if (std::all_of(outer_m_.begin(), outer_m_.end(), is_clear))
+    return Verdict::kFree;
+  const auto holds_occupied_centre = [&](double ahead_m) {
+    const Place place = place_at(ahead_m);
+    const double left_cells = inner_cells_ - clearance_at(place);
+    const double row = place.row - place.near_row, col = place.col - place.near_col;
+    return left_cells > 0.0 && row * row + col * col < left_cells * left_cells;
+  };
+  return std::any_of(inner_m_.begin(), inner_m_.end(), holds_occupied_centre) ? Verdict::kHit
+                                                                              : Verdict::kUnclear;
 }
 
 std::array<Footprint::Corner, 4> Footprint::corners_at(const Pose &pose) const {
