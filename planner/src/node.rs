@@ -289,7 +289,7 @@ impl Node {
         let method = if network.is_some() || !method.needs_regions() {
             method
         } else {
-            Method::Tiev
+            method.without_regions()
         };
         let mut plan_config = self.config.plan;
         plan_config.method = method;

@@ -62,12 +62,13 @@ fn plan_once(
         None => Vec::new(),
     };
     let network = network_of(options, config)?;
-    let method = if network.is_some() {
+    let method = options.method.unwrap_or(if network.is_some() {
         Method::TievFcn
     } else {
         Method::Tiev
-    };
+    });
     let mut plan_config = config.plan;
+    plan_config.method = method;
     plan_config.speed_m_per_s = options.speed.unwrap_or(plan_config.speed_m_per_s);
     plan_config.time_limit_ms = options.time_limit_ms.unwrap_or(plan_config.time_limit_ms);
 

@@ -92,7 +92,7 @@ proptest! {
         let oracle = Oracle::new(small_spec(), vehicle, occupied, 1.4);
         for (goal, together) in goals.iter().zip(together) {
             let none = Limits::default();
-            let best = search(&map, &successors, (goal, None), none, &mut memory).unwrap();
+            let best = search(&map, &successors, (goal, Guidance::NONE), none, &mut memory).unwrap();
             let alone =
                 search_weighted(&map, &successors, (goal, epsilon), none, &mut weighted).unwrap();
             for found in [alone, together] {
