@@ -383,7 +383,8 @@ pub(crate) struct BenchOptions {
     /// Numbers of targets
     #[arg(long, value_delimiter = ',', default_value = "1,3,7,10,15,20,30,40,50")]
     pub(crate) targets: Vec<usize>,
-    /// Methods to compare [default: all that can run]
+    /// Methods to compare, also hybrid, hybrid-fcn, rrt-star and rrt-star-fcn [default: tiev, tiev-fcn,
+    /// weighted and swath, if they can run]
     #[arg(long, value_delimiter = ',', value_parser = parse_method)]
     pub(crate) methods: Vec<Method>,
     /// Weights of the network [default: those that come with swath]

@@ -1,4 +1,4 @@
-//! The six problems by every method that needs no network: time, expansions, outcomes, and how far costs
+//! The six problems by methods that need no network: time, expansions, outcomes, and how far costs
 //! are from the optimum, which `tiev` finds.
 //!
 //! `cargo bench -p swath-planner --bench problems [-- METHOD... [DEADLINE_MS]]`; the maps are looked for where
@@ -37,8 +37,10 @@ fn main() {
     let named: Vec<Method> = std::env::args()
         .filter_map(|name| Method::from_name(&name))
         .collect();
-    let wanted =
-        |method: &Method| !method.needs_regions() && (named.is_empty() || named.contains(method));
+    let wanted = |method: &Method| {
+        let is_usual = named.is_empty() && Method::COMPARED.contains(method);
+        !method.needs_regions() && (is_usual || named.contains(method))
+    };
     let methods: Vec<Method> = Method::ALL.into_iter().filter(wanted).collect();
     let model = MotionModel::new(&Vehicle::default(), GridSpec::default().resolution_m);
     let model = Arc::new(model.expect("the default vehicle fits the default cells"));

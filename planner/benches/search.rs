@@ -11,7 +11,7 @@ use std::sync::Arc;
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
 use swath_bridge::{GridSpec, Pose2, Vehicle};
 use swath_planner::search::{Limits, SearchMemory, search};
-use swath_planner::{CollisionMap, Method, MotionModel, PlanConfig, Planner};
+use swath_planner::{CollisionMap, Guidance, Method, MotionModel, PlanConfig, Planner};
 
 /// Enough for most targets; the others count too, up to here.
 const LIMITS: Limits<'_> = Limits {
@@ -49,7 +49,14 @@ fn one_target(criterion: &mut Criterion) {
     let successors = model.successors(SPEED_M_PER_S);
     let mut memory = SearchMemory::new();
     let mut run = |map: &CollisionMap, goal: &Pose2| {
-        search(map, &successors, (goal, None), LIMITS, &mut memory).expect("no region, no error")
+        search(
+            map,
+            &successors,
+            (goal, Guidance::NONE),
+            LIMITS,
+            &mut memory,
+        )
+        .expect("no region, no error")
     };
     for scene in scenes::all() {
         let goals: Vec<_> = scene.goals.iter().step_by(7).collect();

@@ -163,6 +163,19 @@ impl CollisionMap {
         true
     }
 
+    /// The occupied cells: rows of whole words, column 0 in the least significant bit.
+    pub(crate) fn occupied_words(&self) -> Vec<u64> {
+        self.runs.occupied_words()
+    }
+
+    /// In the same order, the cells from which a kernel touches an occupied one. It must not reach
+    /// farther than the model's motions.
+    pub(crate) fn dilated(&self, kernel: &Kernel) -> Vec<u64> {
+        let mut reached = vec![0u64; self.spec.rows as usize * self.runs.row_words()];
+        self.runs.dilate(kernel, 0, &mut reached);
+        reached
+    }
+
     fn fill_chord(&self, action: usize, first_row: usize, bits: &mut [u64]) {
         let Some(kernel) = self.model.chords.get(action) else {
             return;

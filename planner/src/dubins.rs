@@ -4,6 +4,8 @@
 use swath_bridge::Pose2;
 use swath_bridge::geometry::wrap_angle_rad;
 
+use crate::segment::{Segment, cost_of};
+
 /// Most steps of a path that is given.
 const MAX_POSES: f64 = 50_000.0;
 
@@ -70,6 +72,43 @@ pub fn shortest_path(from: &Pose2, to: &Pose2, radius_m: f64, step_m: f64) -> Ve
         }
         _ => Vec::new(),
     }
+}
+
+/// The drive from `from` to `to` whose metres and radians add up to the least, with turns of `radius_m`;
+/// none if an argument is not finite or the radius not positive.
+///
+/// That need not be the shortest: three arcs may be shorter than two with a straight line between, and
+/// turn more.
+pub(crate) fn cheapest(from: &Pose2, to: &Pose2, radius_m: f64) -> Option<[Segment; 3]> {
+    if !(from.is_finite() && to.is_finite() && radius_m > 0.0 && radius_m.is_finite()) {
+        return None;
+    }
+    let there = from.inverse().then(to);
+    let goal = Pose2::new(there.x_m / radius_m, there.y_m / radius_m, there.yaw_rad);
+    let segment = |turn: Turn, length: f64| Segment {
+        curvature_per_m: turn.sign() / radius_m,
+        length_m: length * radius_m,
+    };
+    let drives = WORDS.iter().filter_map(|&turns| {
+        let word = word(turns, &goal)?;
+        let [first, middle, last] = [0, 1, 2].map(|k| segment(turns[k], word.lengths[k]));
+        Some([first, middle, last])
+    });
+    drives.min_by(|a, b| cost_of(a).total_cmp(&cost_of(b)))
+}
+
+/// The heading with which an arc of `radius_m` and a straight line from a pose arrive at a point; none if
+/// the point lies inside the circle.
+pub(crate) fn arrival_yaw_rad(from: &Pose2, (x_m, y_m): (f64, f64), radius_m: f64) -> Option<f64> {
+    let there = from.inverse().then(&Pose2::new(x_m, y_m, 0.0));
+    let side = if there.y_m < 0.0 { -1.0 } else { 1.0 };
+    // From the circle's centre, mirrored to the left.
+    let (dx_m, dy_m) = (there.x_m, there.y_m.abs() - radius_m);
+    let square = dx_m * dx_m + dy_m * dy_m - radius_m * radius_m;
+    (square >= 0.0).then(|| {
+        let turn_rad = libm::atan2(dy_m, dx_m) + libm::atan2(radius_m, libm::sqrt(square));
+        wrap_angle_rad(from.yaw_rad + side * turn_rad)
+    })
 }
 
 /// The lengths of a word's parts from the origin to `goal` (in turning radii), if it leads there.
@@ -215,6 +254,38 @@ mod tests {
                 prop_assert!(end.distance_m(&goal) < 1e-6, "{word:?}");
                 prop_assert!(wrap_angle_rad(end.yaw_rad - goal.yaw_rad).abs() < 1e-6);
             }
+        }
+
+        #[test]
+        fn an_arc_and_a_straight_line_lead_to_a_point_with_the_arrival_heading(
+            x in -40.0..40.0f64, y in -40.0..40.0f64, yaw in -3.1..3.1f64, radius in 2.0..12.0f64,
+        ) {
+            let from = Pose2::new(1.0, -2.0, yaw);
+            if let Some(arrival) = arrival_yaw_rad(&from, (x, y), radius) {
+                let to = Pose2::new(x, y, arrival);
+                let drive = cheapest(&from, &to, radius).unwrap();
+                let bends = drive.iter().filter(|part| {
+                    part.curvature_per_m != 0.0 && part.length_m > 1e-6
+                });
+                prop_assert!(bends.count() <= 1, "{drive:?}");
+            }
+        }
+
+        #[test]
+        fn the_cheapest_drive_arrives_and_costs_no_more_than_the_shortest(
+            x in -40.0..40.0f64, y in -40.0..40.0f64, yaw in -3.1..3.1f64, radius in 2.0..12.0f64,
+        ) {
+            let (from, to) = (Pose2::new(1.0, -2.0, 0.3), Pose2::new(x, y, yaw));
+            let drive = cheapest(&from, &to, radius).unwrap();
+            let end = drive.iter().fold(from, |pose, segment| segment.end(&pose));
+            prop_assert!(end.distance_m(&to) < 1e-6);
+            prop_assert!(wrap_angle_rad(end.yaw_rad - to.yaw_rad).abs() < 1e-6);
+            let shortest = shortest_path(&from, &to, radius, 0.05);
+            let turned: f64 = shortest
+                .windows(2)
+                .map(|pair| wrap_angle_rad(pair[1].yaw_rad - pair[0].yaw_rad).abs())
+                .sum();
+            prop_assert!(cost_of(&drive) <= length_m(&shortest) + turned + 0.02);
         }
 
         #[test]

@@ -31,6 +31,27 @@ impl Kernel {
         Self::merged(spans)
     }
 
+    /// A disc around the start cell's centre.
+    #[expect(clippy::cast_possible_truncation, reason = "a vehicle spans few cells")]
+    pub(crate) fn of_disc(resolution_m: f64, radius_m: f64) -> Self {
+        let radius = radius_m.max(0.0) / resolution_m;
+        // Squares begin half a cell before their centres.
+        let most = libm::floor(radius + 0.5) as i32;
+        let spans = (-most..=most).filter_map(|d_row| {
+            let off = (f64::from(d_row.abs()) - 0.5).max(0.0);
+            let square = radius * radius - off * off;
+            let last_col = libm::floor(libm::sqrt(square.max(0.0)) + 0.5) as i32;
+            (square >= 0.0).then_some(Span {
+                d_row,
+                first_col: -last_col,
+                last_col,
+            })
+        });
+        Self {
+            spans: spans.collect(),
+        }
+    }
+
     /// The footprint driving `length_m` straight ahead at `heading_rad`.
     pub(crate) fn of_chord(
         vehicle: &Vehicle,

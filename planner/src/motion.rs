@@ -136,6 +136,11 @@ impl MotionModel {
         Successors::new(self, speed_m_per_s)
     }
 
+    /// The tightest curvature at a speed, 1/m: that of the speed or of the vehicle.
+    pub fn curvature_limit_per_m(&self, speed_m_per_s: f64) -> f64 {
+        max_curvature_per_m(speed_m_per_s).min(1.0 / self.vehicle.min_turning_radius_m)
+    }
+
     /// The paper's angle limit: curvature times the mean length of the two actions, radians.
     ///
     /// The action that led to a heading is not part of a state; its length is taken to be that of the

@@ -327,7 +327,7 @@ impl Node {
         let network = self.network.clone();
         let network = network.filter(|_| plan.method.needs_regions());
         if network.is_none() && plan.method.needs_regions() {
-            plan.method = Method::Tiev;
+            plan.method = plan.method.without_regions();
         }
         plan.speed_m_per_s = self.speed_m_per_s;
         let obstacles = self.config.obstacles.obstacles(&occupancy);

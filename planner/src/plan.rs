@@ -8,10 +8,14 @@ use serde::{Deserialize, Serialize};
 use swath_bridge::{Outcome, Pose2};
 
 use crate::collision::CollisionMap;
+use crate::ground::Ground;
+use crate::guidance::Guidance;
+use crate::hybrid::{HybridMemory, hybrid};
 use crate::motion::Successors;
+use crate::rrt_star::{Drawing, RrtMemory, rrt_star};
 use crate::search::{
-    Frame, FrameMemory, Limits, Rules, SearchMemory, TargetResult, WeightedMemory, WeightedRegion,
-    search, search_weighted,
+    Frame, FrameMemory, Limits, Rules, SearchMemory, TargetResult, WeightedMemory, search,
+    search_weighted,
 };
 use crate::smooth::{Drivability, DrivablePath, SmoothConfig};
 use crate::timing::CpuTimer;
@@ -32,11 +36,31 @@ pub enum Method {
     Weighted,
     /// All targets together, within the same factor; no network.
     Swath,
+    /// Hybrid A* with arcs.
+    Hybrid,
+    /// The same inside a predicted region.
+    HybridFcn,
+    /// RRT* with Dubins drives.
+    RrtStar,
+    /// The same with poses drawn from a predicted region.
+    RrtStarFcn,
 }
 
 impl Method {
     /// Every method.
-    pub const ALL: [Self; 4] = [Self::Tiev, Self::TievFcn, Self::Weighted, Self::Swath];
+    pub const ALL: [Self; 8] = [
+        Self::Tiev,
+        Self::TievFcn,
+        Self::Weighted,
+        Self::Swath,
+        Self::Hybrid,
+        Self::HybridFcn,
+        Self::RrtStar,
+        Self::RrtStarFcn,
+    ];
+
+    /// The methods that are compared unless others are named.
+    pub const COMPARED: [Self; 4] = [Self::Tiev, Self::TievFcn, Self::Weighted, Self::Swath];
 
     /// The name used on the command line, in JSON and in tables.
     pub const fn name(self) -> &'static str {
@@ -45,6 +69,10 @@ impl Method {
             Self::TievFcn => "tiev-fcn",
             Self::Weighted => "weighted",
             Self::Swath => "swath",
+            Self::Hybrid => "hybrid",
+            Self::HybridFcn => "hybrid-fcn",
+            Self::RrtStar => "rrt-star",
+            Self::RrtStarFcn => "rrt-star-fcn",
         }
     }
 
@@ -55,7 +83,18 @@ impl Method {
 
     /// Whether it needs regions.
     pub const fn needs_regions(self) -> bool {
-        matches!(self, Self::TievFcn)
+        matches!(self, Self::TievFcn | Self::HybridFcn | Self::RrtStarFcn)
+    }
+
+    /// The same planner without a region; itself if it needs none.
+    #[must_use]
+    pub const fn without_regions(self) -> Self {
+        match self {
+            Self::TievFcn => Self::Tiev,
+            Self::HybridFcn => Self::Hybrid,
+            Self::RrtStarFcn => Self::RrtStar,
+            other => other,
+        }
     }
 }
 
@@ -73,7 +112,8 @@ pub enum TargetOrder {
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct PlanConfig {
-    /// How to search. With regions `tiev` is `tiev-fcn`; methods without a network leave regions aside.
+    /// How to search. With regions `tiev` is `tiev-fcn`, and so are `hybrid` and `rrt-star`; methods
+    /// without a network leave regions aside.
     pub method: Method,
     /// The vehicle's speed, m/s; it limits the angle between actions.
     pub speed_m_per_s: f64,
@@ -93,6 +133,8 @@ pub struct PlanConfig {
     pub smooth: bool,
     /// How they are.
     pub smoothing: SmoothConfig,
+    /// Seed of what is drawn at random, for `rrt-star`.
+    pub seed: u64,
 }
 
 impl Default for PlanConfig {
@@ -108,6 +150,7 @@ impl Default for PlanConfig {
             order: TargetOrder::Nearest,
             smooth: true,
             smoothing: SmoothConfig::default(),
+            seed: 0,
         }
     }
 }
@@ -151,6 +194,8 @@ pub struct Planner {
     memories: Pool<SearchMemory>,
     weighted: Pool<WeightedMemory>,
     frames: Pool<FrameMemory>,
+    hybrid: Pool<HybridMemory>,
+    rrt_star: Pool<RrtMemory>,
 }
 
 impl Planner {
@@ -191,25 +236,75 @@ impl Planner {
                 goals: goals.len(),
             });
         }
-        let successors = map.model().successors(config.speed_m_per_s);
-        let inputs = (map, &successors);
+        let guidance = |index: usize| {
+            regions.map_or(Guidance::NONE, |regions| {
+                Guidance::inside(&regions[index], config.region_weight)
+            })
+        };
+        let successors = || map.model().successors(config.speed_m_per_s);
         let frame = (goals, deadline);
         match config.method {
-            Method::Tiev | Method::TievFcn => each_target(frame, config, |index, goal, limits| {
-                let region = regions.map(|regions| WeightedRegion {
-                    cells: &regions[index],
-                    weight: config.region_weight,
-                });
-                self.memories
-                    .with(|memory| search(map, &successors, (goal, region), limits, memory))
-            }),
-            Method::Weighted => each_target(frame, config, |_, goal, limits| {
-                self.weighted.with(|memory| {
-                    search_weighted(map, &successors, (goal, config.epsilon), limits, memory)
+            Method::Tiev | Method::TievFcn => {
+                let successors = successors();
+                each_target(frame, config, |index, goal, limits| {
+                    let goal = (goal, guidance(index));
+                    self.memories
+                        .with(|memory| search(map, &successors, goal, limits, memory))
                 })
-            }),
-            Method::Swath => self.plan_together(inputs, frame, config),
+            }
+            Method::Weighted => {
+                let successors = successors();
+                each_target(frame, config, |_, goal, limits| {
+                    let goal = (goal, config.epsilon);
+                    self.weighted
+                        .with(|memory| search_weighted(map, &successors, goal, limits, memory))
+                })
+            }
+            Method::Swath => self.plan_together((map, &successors()), frame, config),
+            Method::Hybrid | Method::HybridFcn => self.plan_hybrid(map, frame, guidance, config),
+            Method::RrtStar | Method::RrtStarFcn => {
+                self.plan_rrt_star(map, frame, guidance, config)
+            }
         }
+    }
+
+    /// Plans with `hybrid` or `hybrid-fcn`.
+    fn plan_hybrid<'a>(
+        &self,
+        map: &CollisionMap,
+        frame: (&[Pose2], Option<Instant>),
+        guidance: impl Fn(usize) -> Guidance<'a> + Sync,
+        config: &PlanConfig,
+    ) -> Result<Vec<TargetPlan>, Error> {
+        let ground = Ground::surveyed(map);
+        let curvature_per_m = map.model().curvature_limit_per_m(config.speed_m_per_s);
+        each_target(frame, config, |index, goal, limits| {
+            let goal = (goal, guidance(index));
+            self.hybrid
+                .with(|memory| hybrid((map, &ground), curvature_per_m, goal, limits, memory))
+        })
+    }
+
+    /// Plans with `rrt-star` or `rrt-star-fcn`.
+    fn plan_rrt_star<'a>(
+        &self,
+        map: &CollisionMap,
+        frame: (&[Pose2], Option<Instant>),
+        guidance: impl Fn(usize) -> Guidance<'a> + Sync,
+        config: &PlanConfig,
+    ) -> Result<Vec<TargetPlan>, Error> {
+        let ground = Ground::new(map);
+        let curvature_per_m = map.model().curvature_limit_per_m(config.speed_m_per_s);
+        each_target(frame, config, |index, goal, limits| {
+            let goal = (goal, guidance(index));
+            let drawing = Drawing {
+                curvature_per_m,
+                seed: config.seed,
+                stream: index as u64,
+            };
+            self.rrt_star
+                .with(|memory| rrt_star((map, &ground), drawing, goal, limits, memory))
+        })
     }
 
     /// Plans with `swath`.
@@ -354,6 +449,14 @@ mod tests {
         CollisionMap::new(model, spec, &obstacles).unwrap()
     }
 
+    const PLAIN: [Method; 5] = [
+        Method::Tiev,
+        Method::Weighted,
+        Method::Swath,
+        Method::Hybrid,
+        Method::RrtStar,
+    ];
+
     fn goals() -> Vec<Pose2> {
         (0..6)
             .map(|k| Pose2::new(20.0 + f64::from(k), f64::from(k) - 3.0, 0.0))
@@ -362,7 +465,7 @@ mod tests {
 
     #[test]
     fn results_do_not_depend_on_the_number_of_threads() {
-        for method in [Method::Tiev, Method::Weighted, Method::Swath] {
+        for method in PLAIN {
             let config = PlanConfig {
                 method,
                 ..PlanConfig::default()
@@ -396,7 +499,7 @@ mod tests {
 
     #[test]
     fn memory_of_an_earlier_plan_leaves_no_trace() {
-        for method in [Method::Tiev, Method::Weighted, Method::Swath] {
+        for method in PLAIN {
             let planner = Planner::new();
             let config = PlanConfig {
                 method,
@@ -426,6 +529,31 @@ mod tests {
         {
             assert_eq!(plan.result.outcome, Outcome::BudgetExhausted);
             assert_eq!(plan.result.steps, 40);
+        }
+        for method in [Method::Hybrid, Method::RrtStar] {
+            let config = PlanConfig {
+                method,
+                max_expansions: 3,
+                ..PlanConfig::default()
+            };
+            for plan in Planner::new()
+                .plan(&map(), &goals(), None, &config)
+                .unwrap()
+            {
+                let is_decided = plan.result.outcome == Outcome::Solved;
+                assert!(is_decided || plan.result.outcome == Outcome::BudgetExhausted);
+                assert!(plan.result.steps <= 3);
+            }
+        }
+    }
+
+    #[test]
+    fn methods_keep_their_names_and_their_twins() {
+        for method in Method::ALL {
+            assert_eq!(Method::from_name(method.name()), Some(method));
+            assert!(!method.without_regions().needs_regions());
+            let is_same = method.without_regions() == method;
+            assert_eq!(is_same, !method.needs_regions());
         }
     }
 

@@ -33,12 +33,17 @@ mod weighted;
 
 use swath_bridge::{Outcome, Pose2};
 
+use crate::Error;
 use crate::action::{ACTIONS, AHEAD, DIRECTIONS};
 use crate::collision::{CollisionMap, WORD};
+use crate::guidance::Guidance;
 use crate::motion::{COST_UNITS, Fan, Successors};
-use crate::{Error, Plane};
 
 pub use bound::Bound;
+pub(crate) use distance::{Distances, Passable};
+pub(crate) use goal::Goal;
+pub(crate) use path::POSE_SPACING_M;
+
 pub use goal::{GOAL_TOLERANCE_M, GOAL_TOLERANCE_RAD};
 pub use memory::SearchMemory;
 pub use swath::{Frame, FrameMemory, Rules};
@@ -46,7 +51,6 @@ pub use weighted::{WeightedMemory, search_weighted};
 
 use backward::Finding;
 use bound::{Aim, TurnBound};
-use goal::Goal;
 use memory::{About, Parent, Place, State};
 
 /// An informed search that has come so far tries to prove that the goal cannot be reached.
@@ -56,7 +60,7 @@ const MAX_PROOF_STATES: usize = 20_000;
 /// How often a search asks whether it should stop, in expansions.
 const STOP_INTERVAL: u64 = 256;
 /// The same where deadlines are kept closely.
-const SHORT_STOP_INTERVAL: u64 = 64;
+pub(crate) const SHORT_STOP_INTERVAL: u64 = 64;
 
 /// What a search may spend.
 #[derive(Clone, Copy, Default)]
@@ -70,7 +74,7 @@ pub struct Limits<'a> {
 impl Limits<'_> {
     /// The reason to stop after so many expansions, if there is one; the caller's is asked for once in
     /// so many only.
-    fn reached(&self, steps: u64, stop_interval: u64) -> Option<Outcome> {
+    pub(crate) fn reached(&self, steps: u64, stop_interval: u64) -> Option<Outcome> {
         if self.max_expansions.is_some_and(|most| steps >= most) {
             return Some(Outcome::BudgetExhausted);
         }
@@ -82,7 +86,7 @@ impl Limits<'_> {
     }
 
     /// The caller's reason to stop.
-    fn asked(&self) -> Option<Outcome> {
+    pub(crate) fn asked(&self) -> Option<Outcome> {
         self.stop.and_then(|ask| ask())
     }
 }
@@ -128,16 +132,7 @@ impl TargetResult {
     }
 }
 
-/// A region in which a search's costs and heuristic are scaled.
-#[derive(Debug, Clone, Copy)]
-pub struct WeightedRegion<'a> {
-    /// The cells.
-    pub cells: &'a Plane,
-    /// Factor inside, in (0, 1]; the paper's is 0.15.
-    pub weight: f64,
-}
-
-/// Plans to one target with `tiev`, or with `tiev-fcn` if there is a region.
+/// Plans to one target with `tiev`, or with `tiev-fcn` if a region guides it.
 ///
 /// # Errors
 /// [`Error::Shape`] if the region or the memory is not of the map's size,
@@ -145,17 +140,17 @@ pub struct WeightedRegion<'a> {
 pub fn search(
     map: &CollisionMap,
     successors: &Successors,
-    target: (&Pose2, Option<WeightedRegion<'_>>),
+    target: (&Pose2, Guidance<'_>),
     limits: Limits<'_>,
     memory: &mut SearchMemory,
 ) -> Result<TargetResult, Error> {
-    let (goal, region) = target;
-    check_region(map, region)?;
+    let (goal, guidance) = target;
+    guidance.check(map.spec())?;
     match Goal::new(map, goal) {
         Ok(goal) => {
             memory.prepare(map.spec(), None)?;
             let steps_of = cell_steps(map);
-            let search = Search::new(map, successors, &steps_of, (goal, region), memory);
+            let search = Search::new(map, successors, &steps_of, (goal, guidance), memory);
             Ok(search.run(limits))
         }
         Err(outcome) => Ok(TargetResult::without_path(outcome, 0)),
@@ -184,23 +179,12 @@ pub fn search_bounded(
             };
             memory.prepare(map.spec(), turns)?;
             let steps_of = cell_steps(map);
-            let search = Search::new(map, successors, &steps_of, (goal, None), memory);
+            let search = Search::new(map, successors, &steps_of, (goal, Guidance::NONE), memory);
             let bound = target.1;
             Ok(Search { bound, ..search }.run(limits))
         }
         Err(outcome) => Ok(TargetResult::without_path(outcome, 0)),
     }
-}
-
-fn check_region(map: &CollisionMap, region: Option<WeightedRegion<'_>>) -> Result<(), Error> {
-    let Some(region) = region else { return Ok(()) };
-    region.cells.check_size("region", map.spec())?;
-    if !(region.weight > 0.0 && region.weight <= 1.0) {
-        return Err(Error::RegionWeight {
-            weight: region.weight,
-        });
-    }
-    Ok(())
 }
 
 fn check_epsilon(epsilon: f64) -> Result<(), Error> {
@@ -291,7 +275,7 @@ struct Search<'a> {
     map: &'a CollisionMap,
     successors: &'a Successors,
     goal: Goal,
-    region: Option<WeightedRegion<'a>>,
+    guidance: Guidance<'a>,
     bound: Bound,
     steps_of: &'a [CellStep; ACTIONS],
     memory: &'a mut SearchMemory,
@@ -305,14 +289,14 @@ impl<'a> Search<'a> {
         map: &'a CollisionMap,
         successors: &'a Successors,
         steps_of: &'a [CellStep; ACTIONS],
-        (goal, region): (Goal, Option<WeightedRegion<'a>>),
+        (goal, guidance): (Goal, Guidance<'a>),
         memory: &'a mut SearchMemory,
     ) -> Self {
         Self {
             map,
             successors,
             goal,
-            region,
+            guidance,
             bound: Bound::Euclidean,
             steps_of,
             memory,
@@ -330,7 +314,7 @@ impl<'a> Search<'a> {
             if self.goal.accepts(state) {
                 return TargetResult {
                     // A region's weight scales the path's cost, and overestimates the rest as much.
-                    bound: self.region.map_or(1.0, |region| region.weight.powi(-2)),
+                    bound: self.guidance.weight().map_or(1.0, |weight| weight.powi(-2)),
                     ..path::trace(self.map, self.memory, state, self.steps)
                 };
             }
@@ -379,9 +363,9 @@ impl<'a> Search<'a> {
             count += 1;
         });
         for way in &self.ways[..count] {
-            let step = match self.region {
-                Some(region) if self.memory.is_inside(way.to.cell()) => {
-                    scaled_units(way.step, region.weight)
+            let step = match self.guidance.weight() {
+                Some(weight) if self.memory.is_inside(way.to.cell()) => {
+                    scaled_units(way.step, weight)
                 }
                 _ => way.step,
             };
@@ -395,9 +379,9 @@ impl<'a> Search<'a> {
 
     #[inline]
     fn place(&mut self, state: State) -> Place {
-        let (map, goal, region, bound) = (self.map, &self.goal, self.region, self.bound);
+        let (map, goal, guidance, bound) = (self.map, &self.goal, self.guidance, self.bound);
         self.memory
-            .place(state, |cell| about_cell(map, goal, (region, bound), cell))
+            .place(state, |cell| about_cell(map, goal, (guidance, bound), cell))
     }
 }
 
@@ -418,15 +402,13 @@ struct Way {
 fn about_cell(
     map: &CollisionMap,
     goal: &Goal,
-    (region, bound): (Option<WeightedRegion<'_>>, Bound),
+    (guidance, bound): (Guidance<'_>, Bound),
     cell: usize,
 ) -> About {
     let centre = map.spec().centre_of(map.spec().cell_of_index(cell));
-    let region = region.filter(|region| region.cells.get_index(cell));
-    let weight = region.map_or(1.0, |region| region.weight);
     About {
-        estimate: floor_units(goal.distance_left(centre) * weight),
-        is_inside: region.is_some(),
+        estimate: floor_units(goal.distance_left(centre) * guidance.factor(cell)),
+        is_inside: guidance.holds(cell),
         aim: if bound == Bound::Informed {
             TurnBound::aim(goal, centre)
         } else {

@@ -24,11 +24,13 @@ use crate::motion::max_curvature_per_m;
 use crate::path_point::PathPoint;
 use crate::search::{GOAL_TOLERANCE_M, GOAL_TOLERANCE_RAD};
 
+pub(crate) use clothoid::State;
+pub(crate) use footprint::Footprint;
+pub(crate) use verify::{LEAST_GAP_M, contact_gap_m};
+
 pub use obstacles::ObstacleCells;
 
-use clothoid::State;
 use cost::{Cost, Nearby, Weights};
-use footprint::Footprint;
 use optimise::{Limits, Optimiser, Trajectory};
 use reference::{Guess, Reference};
 

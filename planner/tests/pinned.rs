@@ -5,7 +5,7 @@ mod scenes;
 use std::sync::Arc;
 
 use swath_bridge::{GridSpec, Outcome, Pose2, Vehicle};
-use swath_planner::search::{Limits, SearchMemory, TargetResult, WeightedRegion, search};
+use swath_planner::search::{Limits, SearchMemory, TargetResult, search};
 use swath_planner::{CollisionMap, MotionModel, Plane};
 
 /// Folds bytes into a digest (64-bit FNV-1a).
@@ -44,12 +44,12 @@ fn digest_of(scene: &scenes::Scene) -> (u64, u64, usize) {
     let (mut digest, mut steps, mut solved) = (0xcbf2_9ce4_8422_2325, 0, 0);
     for speed_m_per_s in [1.4, 4.0] {
         let successors = map.model().successors(speed_m_per_s);
-        let mut run = |goal: &Pose2, region: Option<WeightedRegion<'_>>| {
-            search(&map, &successors, (goal, region), limits, &mut memory)
+        let mut run = |goal: &Pose2, guidance: Guidance<'_>| {
+            search(&map, &successors, (goal, guidance), limits, &mut memory)
                 .expect("the region is of the map's size")
         };
         for goal in scene.goals.iter().step_by(4) {
-            let plain = run(goal, None);
+            let plain = run(goal, Guidance::NONE);
             digest = fold_result(digest, &plain);
             let mut cells = Plane::empty(spec.rows, spec.cols);
             let line = if plain.path.is_empty() {
@@ -58,11 +58,7 @@ fn digest_of(scene: &scenes::Scene) -> (u64, u64, usize) {
                 plain.path
             };
             cells.draw_line(&spec, &line, 1.4);
-            let region = WeightedRegion {
-                cells: &cells,
-                weight: 0.15,
-            };
-            let guided = run(goal, Some(region));
+            let guided = run(goal, Guidance::inside(&cells, 0.15));
             digest = fold_result(digest, &guided);
             steps += plain.steps + guided.steps;
             solved += usize::from(plain.outcome == Outcome::Solved);

@@ -83,7 +83,7 @@ fn check(options: &BenchOptions) -> anyhow::Result<()> {
 fn methods_of(options: &BenchOptions, has_network: bool) -> anyhow::Result<Vec<Method>> {
     if options.methods.is_empty() {
         let can_run = |method: &Method| has_network || !method.needs_regions();
-        return Ok(Method::ALL.into_iter().filter(can_run).collect());
+        return Ok(Method::COMPARED.into_iter().filter(can_run).collect());
     }
     for method in &options.methods {
         anyhow::ensure!(

@@ -85,6 +85,15 @@ impl Runs {
         self.cols.div_ceil(WORD)
     }
 
+    /// The occupied cells, without margins.
+    pub(super) fn occupied_words(&self) -> Vec<u64> {
+        let first = self.margin / WORD;
+        let rows = self.levels[0].chunks(self.words_per_row);
+        rows.flat_map(|row| &row[first..][..self.row_words()])
+            .copied()
+            .collect()
+    }
+
     /// The level for a run of `columns`.
     const fn level(columns: usize) -> usize {
         (usize::BITS - 1 - columns.leading_zeros()) as usize

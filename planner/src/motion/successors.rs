@@ -6,7 +6,7 @@
 
 use std::ops::Range;
 
-use super::{MotionModel, Side, cost_units, max_curvature_per_m};
+use super::{MotionModel, Side, cost_units};
 use crate::action::{ACTIONS, Action, DIRECTIONS};
 use crate::collision::WORD;
 
@@ -113,8 +113,7 @@ const fn bits_below(number: usize, group: usize) -> u64 {
 
 impl Successors {
     pub(super) fn new(model: &MotionModel, speed_m_per_s: f64) -> Self {
-        let curvature_per_m =
-            max_curvature_per_m(speed_m_per_s).min(1.0 / model.vehicle.min_turning_radius_m);
+        let curvature_per_m = model.curvature_limit_per_m(speed_m_per_s);
         let actions = model.table.actions();
         let first_action = |direction: usize| {
             let first = actions.partition_point(|a| usize::from(a.direction) < direction);
@@ -299,6 +298,7 @@ impl Successors {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::motion::max_curvature_per_m;
     use proptest::prelude::*;
     use swath_bridge::Vehicle;
 

@@ -1,4 +1,5 @@
-//! A lower bound on the length of the way from the vehicle to every cell of a map.
+//! A lower bound on the length of the way from the vehicle to every cell of a map, or from every cell
+//! to a goal.
 //!
 //! One Dijkstra search over cells in sixteen steps (straight, diagonal, knight's move). A step is
 //! there if the vehicle, made narrower by half a cell to each side, could stand on both its ends with a
@@ -24,11 +25,37 @@ pub(super) const NO_WAY: u32 = u32::MAX;
 /// Cells around the map.
 const BORDER: usize = 2;
 
-/// Lower bounds on lengths from the vehicle.
+/// Which headings each cell of a map can be passed in.
 #[derive(Debug, Default)]
-pub(super) struct Distances {
-    /// With a border: the sectors that a cell can be passed in.
+pub(crate) struct Passable {
+    /// With a border, by cell: a bit for each sector.
     sectors: Vec<u16>,
+}
+
+impl Passable {
+    /// Surveys a map. False if `stop` ended it.
+    pub(crate) fn survey(&mut self, map: &CollisionMap, stop: &dyn Fn() -> bool) -> bool {
+        let (rows, cols) = (map.spec().rows as usize, map.spec().cols as usize);
+        self.sectors.clear();
+        self.sectors
+            .resize((rows + 2 * BORDER) * (cols + 2 * BORDER), 0);
+        map.passable_sectors(&mut self.sectors, BORDER, stop)
+    }
+}
+
+/// Which way a front of distances moves.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Front {
+    /// From the vehicle, as it would drive.
+    Forward,
+    /// From a goal, against the driving direction.
+    Backward,
+}
+
+/// Lower bounds on lengths from the vehicle, or to a goal.
+#[derive(Debug, Default)]
+pub(crate) struct Distances {
+    passable: Passable,
     counts: Vec<u32>,
     buckets: Vec<Vec<u32>>,
     cols: usize,
@@ -38,31 +65,44 @@ pub(super) struct Distances {
 impl Distances {
     /// Measures all ways on a map. False if `stop` ended it.
     pub(super) fn measure(&mut self, map: &CollisionMap, stop: &dyn Fn() -> bool) -> bool {
-        let spec = map.spec();
-        let (rows, cols) = (spec.rows as usize, spec.cols as usize);
-        self.cols = cols + 2 * BORDER;
-        let len = (rows + 2 * BORDER) * self.cols;
-        self.sectors.clear();
-        self.sectors.resize(len, 0);
-        if !map.passable_sectors(&mut self.sectors, BORDER, stop) {
-            return false;
-        }
-        self.counts.clear();
-        self.counts.resize(len, NO_WAY);
-        self.buckets.resize_with(BUCKETS, Vec::new);
-        self.buckets.iter_mut().for_each(Vec::clear);
-        self.units_per_count = spec.resolution_m * COST_UNITS / COUNTS_PER_CELL;
-        let (row, col) = (spec.ego_row as usize, spec.ego_col as usize);
-        row >= rows
-            || col >= cols
-            || self.search(map, (row + BORDER) * self.cols + col + BORDER, stop)
+        let mut passable = std::mem::take(&mut self.passable);
+        let ego = map.spec().index_of(map.spec().ego());
+        let is_done = passable.survey(map, stop)
+            && self.search((map, &passable), ego.as_slice(), Front::Forward, stop);
+        self.passable = passable;
+        is_done
+    }
+
+    /// Measures all ways to any of the cells of a goal, given by row-major indices. False if `stop`
+    /// ended it.
+    pub(crate) fn measure_to(
+        &mut self,
+        on: (&CollisionMap, &Passable),
+        goal: &[usize],
+        stop: &dyn Fn() -> bool,
+    ) -> bool {
+        self.search(on, goal, Front::Backward, stop)
     }
 
     #[expect(
         clippy::cast_possible_truncation,
         reason = "grids have at most 2^24 cells"
     )]
-    fn search(&mut self, map: &CollisionMap, start: usize, stop: &dyn Fn() -> bool) -> bool {
+    fn search(
+        &mut self,
+        (map, passable): (&CollisionMap, &Passable),
+        starts: &[usize],
+        front: Front,
+        stop: &dyn Fn() -> bool,
+    ) -> bool {
+        let (spec, sectors) = (map.spec(), &passable.sectors);
+        let cols = spec.cols as usize;
+        self.cols = cols + 2 * BORDER;
+        self.counts.clear();
+        self.counts.resize(sectors.len(), NO_WAY);
+        self.buckets.resize_with(BUCKETS, Vec::new);
+        self.buckets.iter_mut().for_each(Vec::clear);
+        self.units_per_count = spec.resolution_m * COST_UNITS / COUNTS_PER_CELL;
         let mut steps = [(0isize, 0u32, 0u16); SECTORS];
         for (number, (to, &(d_row, d_col))) in steps
             .iter_mut()
@@ -75,17 +115,19 @@ impl Distances {
                 _ => COUNTS[2],
             };
             let sides = 1 << number | 1 << ((number + SECTORS - 1) % SECTORS);
-            *to = (
-                d_row as isize * self.cols.cast_signed() + d_col as isize,
-                count,
-                sides,
-            );
+            let ahead = d_row as isize * self.cols.cast_signed() + d_col as isize;
+            let offset = match front {
+                Front::Forward => ahead,
+                Front::Backward => -ahead,
+            };
+            *to = (offset, count, sides);
         }
-        self.counts[start] = 0;
-        // The vehicle stands here, whatever the sectors say.
-        self.sectors[start] = u16::MAX;
-        self.buckets[0].push(start as u32);
-        let (mut now, mut waiting) = (0u32, 1usize);
+        for start in starts {
+            let start = (start / cols + BORDER) * self.cols + start % cols + BORDER;
+            self.counts[start] = 0;
+            self.buckets[0].push(start as u32);
+        }
+        let (mut now, mut waiting) = (0u32, starts.len());
         while waiting > 0 {
             let mut bucket = std::mem::take(&mut self.buckets[now as usize % BUCKETS]);
             waiting -= bucket.len();
@@ -94,11 +136,12 @@ impl Distances {
                 if self.counts[cell] != now {
                     continue;
                 }
-                let here = self.sectors[cell];
+                // Where a way begins the vehicle may stand, whatever the sectors say.
+                let here = if now == 0 { u16::MAX } else { sectors[cell] };
                 for &(offset, count, sides) in &steps {
                     let next = cell.wrapping_add_signed(offset);
                     let count = now + count;
-                    if self.sectors[next] & here & sides != 0 && count < self.counts[next] {
+                    if sectors[next] & here & sides != 0 && count < self.counts[next] {
                         self.counts[next] = count;
                         self.buckets[count as usize % BUCKETS].push(next as u32);
                         waiting += 1;
@@ -113,6 +156,13 @@ impl Distances {
             }
         }
         true
+    }
+
+    /// Lower bound on the length of any way between a cell and where it was measured from, in metres,
+    /// if there is one.
+    pub(crate) fn metres(&self, cell: (usize, usize)) -> Option<f64> {
+        let units = self.to(cell);
+        (units != NO_WAY).then(|| f64::from(units) / COST_UNITS)
     }
 
     /// Lower bound on the length of any way to a cell, in units; [`NO_WAY`] if there is none.

@@ -14,9 +14,13 @@ pub const GOAL_TOLERANCE_M: f64 = 0.5;
 /// A goal is reached within this angle, radians (15°).
 pub const GOAL_TOLERANCE_RAD: f64 = 15.0 * PI / 180.0;
 
+/// What is kept of the tolerance where poses are not those of cells, metres and radians: a path that is
+/// driven again from its segments may end this much elsewhere.
+const KEPT: f64 = 1e-3;
+
 /// The states that reach a goal.
 #[derive(Debug)]
-pub(super) struct Goal {
+pub(crate) struct Goal {
     x_m: f64,
     y_m: f64,
     yaw_rad: f64,
@@ -28,7 +32,7 @@ pub(super) struct Goal {
 
 impl Goal {
     /// The goal at a pose, or the outcome that no search is needed for.
-    pub(super) fn new(map: &CollisionMap, pose: &Pose2) -> Result<Self, Outcome> {
+    pub(crate) fn new(map: &CollisionMap, pose: &Pose2) -> Result<Self, Outcome> {
         let spec = map.spec();
         let centre = spec.cell_at(pose.x_m, pose.y_m);
         if !pose.is_finite() || spec.index_of(centre).is_none() {
@@ -78,13 +82,36 @@ impl Goal {
     }
 
     /// Cells on which it can be reached, row-major indices, ascending.
-    pub(super) fn cells(&self) -> &[usize] {
+    pub(crate) fn cells(&self) -> &[usize] {
         &self.cells
     }
 
     pub(super) fn accepts(&self, state: State) -> bool {
         self.directions[usize::from(state.direction())]
             && self.cells.binary_search(&state.cell()).is_ok()
+    }
+
+    /// Whether a pose anywhere in the plane reaches it.
+    pub(crate) fn accepts_pose(&self, pose: &Pose2) -> bool {
+        let (dx_m, dy_m) = (pose.x_m - self.x_m, pose.y_m - self.y_m);
+        libm::hypot(dx_m, dy_m) <= GOAL_TOLERANCE_M - KEPT
+            && wrap_angle_rad(pose.yaw_rad - self.yaw_rad).abs() <= GOAL_TOLERANCE_RAD - KEPT
+    }
+
+    /// The goal's own pose.
+    pub(crate) const fn pose(&self) -> Pose2 {
+        Pose2::new(self.x_m, self.y_m, self.yaw_rad)
+    }
+
+    /// Least turn on the way from a pose to the goal, radians: see [`TurnBound`](super::bound).
+    pub(crate) fn least_turn_rad(&self, pose: &Pose2) -> f64 {
+        let direct_rad = self.turn_left_rad(pose.yaw_rad);
+        let Some((bearing_rad, slack_rad)) = self.bearing((pose.x_m, pose.y_m)) else {
+            return direct_rad;
+        };
+        let first_rad = (wrap_angle_rad(bearing_rad - pose.yaw_rad).abs() - slack_rad).max(0.0);
+        let then_rad = (self.turn_left_rad(bearing_rad) - slack_rad).max(0.0);
+        (first_rad + then_rad).min(PI).max(direct_rad)
     }
 
     /// The states that reach it.
@@ -98,7 +125,7 @@ impl Goal {
     }
 
     /// Least turn from an angle to one that the tolerance accepts, radians.
-    pub(super) fn turn_left_rad(&self, angle_rad: f64) -> f64 {
+    pub(crate) fn turn_left_rad(&self, angle_rad: f64) -> f64 {
         let turn_rad = wrap_angle_rad(angle_rad - self.yaw_rad).abs();
         // The direction that is accepted at the very edge may be off by rounding.
         (turn_rad - GOAL_TOLERANCE_RAD - 1e-9).max(0.0)
@@ -106,14 +133,14 @@ impl Goal {
 
     /// The bearing from a point to the goal, and how far to either side the bearings of points within
     /// the tolerance lie, radians. There is none from a point within it.
-    pub(super) fn bearing(&self, (x_m, y_m): (f64, f64)) -> Option<(f64, f64)> {
+    pub(crate) fn bearing(&self, (x_m, y_m): (f64, f64)) -> Option<(f64, f64)> {
         let (dx_m, dy_m) = (self.x_m - x_m, self.y_m - y_m);
         let sine = GOAL_TOLERANCE_M / libm::hypot(dx_m, dy_m);
         (sine < 1.0).then(|| (libm::atan2(dy_m, dx_m), libm::asin(sine)))
     }
 
     /// Euclidean distance from a point to the nearest one that the tolerance accepts, metres.
-    pub(super) fn distance_left(&self, (x_m, y_m): (f64, f64)) -> f64 {
+    pub(crate) fn distance_left(&self, (x_m, y_m): (f64, f64)) -> f64 {
         (libm::hypot(x_m - self.x_m, y_m - self.y_m) - GOAL_TOLERANCE_M).max(0.0)
     }
 }

@@ -7,6 +7,7 @@ use proptest::prelude::*;
 use swath_bridge::{Cell, GridSpec, Vehicle};
 
 use super::*;
+use crate::Plane;
 use crate::motion::{MotionModel, max_curvature_per_m};
 
 mod bounds;
@@ -225,7 +226,7 @@ proptest! {
         let successors = map.model().successors(1.4);
         let mut memory = SearchMemory::new();
         let found =
-            search(&map, &successors, (&goal, None), Limits::default(), &mut memory).unwrap();
+            search(&map, &successors, (&goal, Guidance::NONE), Limits::default(), &mut memory).unwrap();
         let oracle = Oracle::new(spec, vehicle, occupied, 1.4);
         if let Some(cost) = oracle.cost_to(&goal) {
             prop_assert_eq!(found.outcome, Outcome::Solved);
@@ -250,7 +251,7 @@ proptest! {
         }
         let oracle = Oracle::new(spec, vehicle, occupied, 1.4);
         let mut memory = SearchMemory::new();
-        for region in [None, Some(WeightedRegion { cells: &cells, weight })] {
+        for region in [Guidance::NONE, Guidance::inside(&cells, weight)] {
             let found =
                 search(&map, &successors, (&goal, region), Limits::default(), &mut memory).unwrap();
             if found.outcome != Outcome::Solved {
@@ -317,7 +318,7 @@ proptest! {
         }
         // The memory of an informed search leaves no trace in a plain one.
         let again =
-            search(&map, &successors, (&goal, None), Limits::default(), &mut memory).unwrap();
+            search(&map, &successors, (&goal, Guidance::NONE), Limits::default(), &mut memory).unwrap();
         prop_assert_eq!(again.steps, plain.steps);
     }
 }
@@ -343,22 +344,13 @@ fn a_whole_region_of_weight_one_changes_nothing_and_a_narrow_one_saves_steps() {
         )
         .unwrap()
     };
-    let plain = run(None);
+    let plain = run(Guidance::NONE);
     let mut everywhere = Plane::empty(spec.rows, spec.cols);
     (0..spec.len()).for_each(|index| everywhere.set_index(index));
-    assert_eq!(
-        run(Some(WeightedRegion {
-            cells: &everywhere,
-            weight: 1.0
-        })),
-        plain
-    );
+    assert_eq!(run(Guidance::inside(&everywhere, 1.0)), plain);
     let mut strip = Plane::empty(spec.rows, spec.cols);
     strip.draw_line(&spec, &plain.path, 1.4);
-    let guided = run(Some(WeightedRegion {
-        cells: &strip,
-        weight: 0.15,
-    }));
+    let guided = run(Guidance::inside(&strip, 0.15));
     assert_eq!(guided.outcome, Outcome::Solved);
     assert!(
         guided.steps < plain.steps,
@@ -375,9 +367,15 @@ fn outcomes_tell_why_there_is_no_path() {
         let map = map_with(spec, &small_vehicle(), occupied);
         let successors = map.model().successors(1.4);
         let mut memory = SearchMemory::new();
-        search(&map, &successors, (&goal, None), limits, &mut memory)
-            .unwrap()
-            .outcome
+        search(
+            &map,
+            &successors,
+            (&goal, Guidance::NONE),
+            limits,
+            &mut memory,
+        )
+        .unwrap()
+        .outcome
     };
     let goal = Pose2::new(2.0, 0.0, 0.0);
     let none = Limits::default();
@@ -425,7 +423,7 @@ fn regions_that_do_not_fit_are_refused() {
     let small = Plane::empty(3, 3);
     let fitting = Plane::empty(22, 17);
     for (cells, weight) in [(&small, 0.5), (&fitting, 0.0), (&fitting, f64::NAN)] {
-        let region = Some(WeightedRegion { cells, weight });
+        let region = Guidance::inside(cells, weight);
         let found = search(
             &map,
             &successors,

@@ -5,34 +5,34 @@ use swath_bridge::geometry::wrap_angle_rad;
 
 /// Pose and curvature; the heading is not wrapped, so that differences are turns.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub(super) struct State {
-    pub(super) x_m: f64,
-    pub(super) y_m: f64,
-    pub(super) yaw_rad: f64,
-    pub(super) curvature_per_m: f64,
+pub(crate) struct State {
+    pub(crate) x_m: f64,
+    pub(crate) y_m: f64,
+    pub(crate) yaw_rad: f64,
+    pub(crate) curvature_per_m: f64,
 }
 
 /// How the end of a step depends on its start, its rate and its length, where that is not the identity.
 #[derive(Debug, Clone, Copy, Default)]
-pub(super) struct StepRates {
+pub(crate) struct StepRates {
     /// Derivatives of x and y by heading, curvature, rate and length.
-    pub(super) x: [f64; 4],
-    pub(super) y: [f64; 4],
+    pub(crate) x: [f64; 4],
+    pub(crate) y: [f64; 4],
     /// Derivatives of the heading by curvature, rate and length.
-    pub(super) yaw: [f64; 3],
+    pub(crate) yaw: [f64; 3],
     /// Derivatives of the curvature by rate and length.
-    pub(super) curvature: [f64; 2],
+    pub(crate) curvature: [f64; 2],
 }
 
 impl State {
-    pub(super) fn pose(&self) -> Pose2 {
+    pub(crate) fn pose(&self) -> Pose2 {
         Pose2::new(self.x_m, self.y_m, wrap_angle_rad(self.yaw_rad))
     }
 
     /// The state after `length_m` during which the curvature changes at a rate, 1/m².
     ///
     /// The position is integrated after Simpson: its error on 0.2 m is below a micrometre.
-    pub(super) fn after(&self, length_m: f64, rate_per_m2: f64) -> Self {
+    pub(crate) fn after(&self, length_m: f64, rate_per_m2: f64) -> Self {
         let sincos_at = |share: f64| {
             let s = share * length_m;
             libm::sincos(self.yaw_rad + s * (self.curvature_per_m + 0.5 * s * rate_per_m2))
@@ -50,7 +50,7 @@ impl State {
     }
 
     /// Derivatives of [`Self::after`], whose result is `end`.
-    pub(super) fn rates(&self, end: &Self, length_m: f64, rate_per_m2: f64) -> StepRates {
+    pub(crate) fn rates(&self, end: &Self, length_m: f64, rate_per_m2: f64) -> StepRates {
         let middle_rad =
             self.yaw_rad + length_m / 2.0 * (self.curvature_per_m + 0.25 * length_m * rate_per_m2);
         let (sin_1, cos_1) = libm::sincos(middle_rad);

@@ -8,19 +8,19 @@ use swath_bridge::{Pose2, Vehicle};
     clippy::struct_field_names,
     reason = "they are all lengths, and units are suffixes"
 )]
-pub(super) struct Footprint {
+pub(crate) struct Footprint {
     /// From the rear axle to the rectangle's middle, metres.
     ahead_m: f64,
     half_length_m: f64,
     half_width_m: f64,
     half_cell_m: f64,
     /// From the rear axle to the farthest corner, metres.
-    pub(super) reach_m: f64,
+    pub(crate) reach_m: f64,
 }
 
 /// The rectangle at a pose.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Placed {
+pub(crate) struct Placed {
     x_m: f64,
     y_m: f64,
     sin: f64,
@@ -35,9 +35,9 @@ pub(super) struct Placed {
 
 /// Where a square lies beside the body.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Beside {
-    pub(super) share: f64,
-    pub(super) gap_m: f64,
+pub(crate) struct Beside {
+    pub(crate) share: f64,
+    pub(crate) gap_m: f64,
     /// From the rear axle, metres.
     along_m: f64,
     /// 1 on the left, -1 on the right.
@@ -45,7 +45,7 @@ pub(super) struct Beside {
 }
 
 impl Footprint {
-    pub(super) fn new(vehicle: &Vehicle, resolution_m: f64) -> Self {
+    pub(crate) fn new(vehicle: &Vehicle, resolution_m: f64) -> Self {
         Self {
             ahead_m: 0.5 * (vehicle.front_m - vehicle.rear_m),
             half_length_m: 0.5 * (vehicle.front_m + vehicle.rear_m),
@@ -55,12 +55,12 @@ impl Footprint {
         }
     }
 
-    pub(super) fn placed(&self, pose: &Pose2) -> Placed {
+    pub(crate) fn placed(&self, pose: &Pose2) -> Placed {
         let (sin, cos) = libm::sincos(pose.yaw_rad);
         self.placed_by((pose.x_m, pose.y_m), (sin, cos))
     }
 
-    pub(super) fn placed_by(&self, (x_m, y_m): (f64, f64), (sin, cos): (f64, f64)) -> Placed {
+    pub(crate) fn placed_by(&self, (x_m, y_m): (f64, f64), (sin, cos): (f64, f64)) -> Placed {
         let (length, width, cell) = (self.half_length_m, self.half_width_m, self.half_cell_m);
         let (abs_sin, abs_cos) = (sin.abs(), cos.abs());
         let square = cell * (abs_sin + abs_cos);
@@ -83,7 +83,7 @@ impl Footprint {
 
 impl Placed {
     /// Half the size of the box along the axes that holds everything within `gap_m`, and its middle.
-    pub(super) fn bounds(&self, gap_m: f64) -> ((f64, f64), (f64, f64)) {
+    pub(crate) fn bounds(&self, gap_m: f64) -> ((f64, f64), (f64, f64)) {
         let half = (self.reach_m[2] + gap_m, self.reach_m[3] + gap_m);
         ((self.x_m, self.y_m), half)
     }
@@ -91,7 +91,7 @@ impl Placed {
     /// The gap to the square around a centre: the widest along a side of the one or the other. It is
     /// exact for overlaps, and never more than the distance.
     #[inline]
-    pub(super) fn gap_m(&self, (x_m, y_m): (f64, f64)) -> f64 {
+    pub(crate) fn gap_m(&self, (x_m, y_m): (f64, f64)) -> f64 {
         let (dx, dy) = (x_m - self.x_m, y_m - self.y_m);
         let along = dx * self.cos + dy * self.sin;
         let across = dy * self.cos - dx * self.sin;
@@ -108,7 +108,7 @@ impl Placed {
     /// poses `fade_m` apart, the shares of an obstacle that one passes add up to the same however the
     /// poses lie, so that moving them along gains nothing.
     #[inline]
-    pub(super) fn beside(&self, (x_m, y_m): (f64, f64), fade_m: f64) -> Beside {
+    pub(crate) fn beside(&self, (x_m, y_m): (f64, f64), fade_m: f64) -> Beside {
         let (dx, dy) = (x_m - self.x_m, y_m - self.y_m);
         let along = dx * self.cos + dy * self.sin;
         let across = dy * self.cos - dx * self.sin;
@@ -122,7 +122,7 @@ impl Placed {
 
     /// Derivatives of the gap aside.
     #[inline]
-    pub(super) fn beside_by_pose(&self, beside: &Beside) -> [f64; 3] {
+    pub(crate) fn beside_by_pose(&self, beside: &Beside) -> [f64; 3] {
         let side = beside.side;
         [
             side * self.sin,

@@ -3,7 +3,7 @@
 use swath_bridge::{Cell, GridSpec};
 
 use super::footprint::Placed;
-use crate::{Error, Plane};
+use crate::{CollisionMap, Error, Plane};
 
 const WORD: usize = u64::BITS as usize;
 
@@ -32,13 +32,22 @@ impl ObstacleCells {
             let (row, col) = (index / cols, index % cols);
             occupied[row * row_words + col / WORD] |= 1 << (col % WORD);
         });
-        let border = border(&occupied, row_words);
-        Ok(Self {
+        Ok(Self::of_words(spec, row_words, occupied))
+    }
+
+    /// The occupied cells of a collision map.
+    pub(crate) fn of_map(map: &CollisionMap) -> Self {
+        let row_words = (map.spec().cols as usize).div_ceil(WORD);
+        Self::of_words(*map.spec(), row_words, map.occupied_words())
+    }
+
+    fn of_words(spec: GridSpec, row_words: usize, occupied: Vec<u64>) -> Self {
+        Self {
             spec,
             row_words,
+            border: border(&occupied, row_words),
             occupied,
-            border,
-        })
+        }
     }
 
     /// Size and place of the grid.
@@ -47,7 +56,7 @@ impl ObstacleCells {
     }
 
     /// Whether a point is on the grid, and not nearer than a margin to its edge.
-    pub(super) fn holds(&self, (x_m, y_m): (f64, f64), margin_m: f64) -> bool {
+    pub(crate) fn holds(&self, (x_m, y_m): (f64, f64), margin_m: f64) -> bool {
         [(-margin_m, -margin_m), (margin_m, margin_m)]
             .into_iter()
             .all(|(dx, dy)| {
@@ -57,12 +66,12 @@ impl ObstacleCells {
     }
 
     /// Calls `each` with the centres of the border cells that are less than `gap_m` from a rectangle.
-    pub(super) fn each_near(&self, placed: &Placed, gap_m: f64, each: impl FnMut((f64, f64))) {
+    pub(crate) fn each_near(&self, placed: &Placed, gap_m: f64, each: impl FnMut((f64, f64))) {
         self.each_of(&self.border, (placed, gap_m), each);
     }
 
     /// Whether no occupied cell at all is less than `gap_m` from a rectangle.
-    pub(super) fn is_clear(&self, placed: &Placed, gap_m: f64) -> bool {
+    pub(crate) fn is_clear(&self, placed: &Placed, gap_m: f64) -> bool {
         let mut is_clear = true;
         self.each_of(&self.occupied, (placed, gap_m), |_| is_clear = false);
         is_clear

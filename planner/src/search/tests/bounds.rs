@@ -94,7 +94,7 @@ proptest! {
         let oracle = Oracle::new(small_spec(), vehicle, occupied, 1.4);
         for (goal, (together, in_part)) in goals.iter().zip(together.into_iter().zip(in_part)) {
             let none = Limits::default();
-            let best = search(&map, &successors, (goal, None), none, &mut memory).unwrap();
+            let best = search(&map, &successors, (goal, Guidance::NONE), none, &mut memory).unwrap();
             if in_part.outcome == Outcome::Solved {
                 prop_assert!(in_part.cost <= in_part.bound * best.cost + 1e-4);
                 check_path(&oracle, goal, &in_part);
