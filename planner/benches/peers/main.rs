@@ -6,9 +6,11 @@
 //! install if that cannot be. The maps are looked for where `SWATH_DATA` points, else in
 //! `../shared/data`.
 //!
-//! `swath` decides all goals however long it takes; the others may take so long for each. OMPL's
-//! planners stop at their first path, and test the whole rectangle every 0.1 m of a motion. Every path
-//! is judged by the same rules (`judge.rs`); one that breaks them counts as refused, not as solved.
+//! `swath` decides all goals however long it takes; the others may take so long for each (`tiev` and
+//! `weighted` count elapsed time). OMPL's planners stop at their first path, and test the whole
+//! rectangle every 0.1 m of a motion. Every path is judged by the same rules (`judge.rs`); one that
+//! breaks them counts as refused, not as solved. The two lengths are the mean and the largest ratio to
+//! the path of `swath`, for goals that both solve.
 
 #![expect(
     clippy::print_stdout,

@@ -4,10 +4,11 @@ use std::error::Error;
 use std::fmt::Write as _;
 use std::fs::File;
 use std::io::Write as _;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::process::{Command, Stdio};
 
 use swath_planner::search::{GOAL_TOLERANCE_M, GOAL_TOLERANCE_RAD};
+use tempfile::TempDir;
 
 use crate::problem::Problem;
 use crate::run::{Drive, Run};
@@ -16,6 +17,7 @@ type Result<T> = std::result::Result<T, Box<dyn Error>>;
 
 /// Distance between the poses that the library tests along a motion, metres: half a cell.
 const TESTED_EVERY_M: f64 = 0.1;
+const PROGRAM: &str = "ompl";
 const SOURCES: [&str; 5] = [
     "footprint.cpp",
     "goal_region.cpp",
@@ -27,7 +29,8 @@ const MISSING: &str = "OMPL is not installed here: apt install libompl-dev g++ p
 
 /// The driver, built.
 pub(crate) struct Ompl {
-    program: PathBuf,
+    /// Holds the program and the problem that it reads.
+    folder: TempDir,
     /// The library's version.
     pub(crate) version: String,
 }
@@ -41,16 +44,16 @@ impl Ompl {
         let version = ask_pkg_config(&["--modversion", "ompl"])?;
         // The library's own flags only: the Debian package names libraries that it does not install.
         let flags = ask_pkg_config(&["--cflags", "ompl", "eigen3"])?;
-        let program = Path::new(env!("CARGO_TARGET_TMPDIR")).join("peers-ompl");
-        let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("benches/peers/ompl");
+        let folder = TempDir::new()?;
+        let sources = Path::new(env!("CARGO_MANIFEST_DIR")).join("benches/peers/ompl");
         let status = Command::new("g++")
-            .current_dir(folder)
+            .current_dir(sources)
             .args(["-O2", "-Wall", "-Wextra"])
             .args(flags.split_whitespace())
             .arg("-std=c++17")
             .args(SOURCES)
             .args(["-lompl", "-o"])
-            .arg(&program)
+            .arg(folder.path().join(PROGRAM))
             .status()
             .map_err(|error| format!("g++: {error}; {MISSING}"))?;
         if !status.success() {
@@ -58,14 +61,14 @@ impl Ompl {
                 format!("the driver cannot be built; if a header is missing: {MISSING}").into(),
             );
         }
-        Ok(Self { program, version })
+        Ok(Self { folder, version })
     }
 
     /// All planners on all goals, one after the other.
     pub(crate) fn run_all(&self, problem: &Problem) -> Result<Vec<Run>> {
-        let file = Path::new(env!("CARGO_TARGET_TMPDIR")).join("peers-problem.txt");
+        let file = self.folder.path().join("problem.txt");
         File::create(&file)?.write_all(describe(problem).as_bytes())?;
-        let output = Command::new(&self.program)
+        let output = Command::new(self.folder.path().join(PROGRAM))
             .stdin(File::open(&file)?)
             .stderr(Stdio::null())
             .output()?;
