@@ -35,7 +35,7 @@ const MEASURES: [&str; 7] = [
     "total_ms",
 ];
 /// Ends the names of the compared method's columns.
-const COMPARED: &str = "_compared";
+pub(crate) const COMPARED: &str = "_compared";
 const TABLE: &str = "comparisons";
 
 /// Which pairs a comparison is over.
@@ -177,8 +177,12 @@ fn choose(pairs: LazyFrame, targets: u32, set: PairSet) -> LazyFrame {
     }
 }
 
-/// One row a pair: the keys, the baseline's measures and the compared method's.
-fn pairs(plans: &DataFrame, baseline: &str, compared: &str) -> Result<DataFrame, Error> {
+/// One row a pair, in the order of the baseline's plans: the keys, the baseline's measures and the compared method's.
+pub(crate) fn pairs(
+    plans: &DataFrame,
+    baseline: &str,
+    compared: &str,
+) -> Result<DataFrame, Error> {
     let first_plans_of = |method: &str| {
         plans
             .clone()
@@ -200,9 +204,10 @@ fn pairs(plans: &DataFrame, baseline: &str, compared: &str) -> Result<DataFrame,
 }
 
 /// One row a target of a pair.
-fn target_pairs(pairs: &DataFrame, targets: &DataFrame) -> Result<DataFrame, Error> {
-    let keys = ["plan", "targets", "solved"].map(col).into_iter();
-    let compared = ["plan", "solved"].map(|name| col(format!("{name}{COMPARED}")));
+pub(crate) fn target_pairs(pairs: &DataFrame, targets: &DataFrame) -> Result<DataFrame, Error> {
+    let keys = ["plan", "targets", "scene", "solved"].map(col).into_iter();
+    let compared = ["plan", "solved", "network_ms", "cpu_ms", "total_ms"]
+        .map(|name| col(format!("{name}{COMPARED}")));
     let measures = ["plan", "index", "outcome", "cost", "steps", "time_ms"].map(col);
     let targets = targets.clone().lazy().select(measures);
     let plan_compared = format!("plan{COMPARED}");

@@ -14,6 +14,7 @@ mod frames;
 mod grid;
 mod health;
 mod methods;
+mod pairwise;
 pub mod paper;
 mod plots;
 mod read;

@@ -14,6 +14,7 @@ use crate::frames::{counts, names};
 use crate::grid::{Grid, escape_markdown};
 use crate::health::Health;
 use crate::methods::methods;
+use crate::pairwise::{Pairwise, pairwise};
 use crate::plots::{self, Sources};
 use crate::read::{Progress, read};
 use crate::results;
@@ -56,6 +57,7 @@ fn write(
     options: &ReportOptions,
 ) -> Result<Summary, Error> {
     let comparisons = comparisons(tables, &options.baseline)?;
+    let pairwise = pairwise(tables, &options.baseline)?;
     let agreements = agreements(&tables.evaluations)?;
     let health = Health::of(tables)?;
     let (tables_dir, plots_dir) = (out_dir.join("tables"), out_dir.join("plots"));
@@ -73,7 +75,7 @@ fn write(
         baseline: &options.baseline,
     };
     let drawn = plots::draw(&sources, &plots_dir)?;
-    let sections = sections(&sources, &drawn)?;
+    let sections = sections(&sources, &pairwise, &drawn)?;
     let mut written = Vec::new();
     let inputs = inputs(tables, recordings)?;
     write_text(
@@ -86,7 +88,7 @@ fn write(
     for (name, frame) in tables.named() {
         write_frame(&tables_dir, name, frame, &mut written)?;
     }
-    for (name, frame) in results::frames(&comparisons, &agreements, &health)? {
+    for (name, frame) in results::frames(&comparisons, &pairwise, &agreements, &health)? {
         write_frame(&tables_dir, name, &frame, &mut written)?;
     }
     written.extend(drawn.iter().map(|file| plots_dir.join(file)));
@@ -99,7 +101,11 @@ fn write(
     ))
 }
 
-fn sections(sources: &Sources<'_>, drawn: &[String]) -> Result<[Section; 4], Error> {
+fn sections(
+    sources: &Sources<'_>,
+    pairwise: &[Pairwise],
+    drawn: &[String],
+) -> Result<[Section; 5], Error> {
     let methods = methods(&sources.tables.plans)?;
     let mut one_target = sections::one_target::section(sources.comparisons, &methods);
     one_target.plot(drawn, "search_time.svg", "Search time, one target");
@@ -107,6 +113,7 @@ fn sections(sources: &Sources<'_>, drawn: &[String]) -> Result<[Section; 4], Err
     Ok([
         one_target,
         sections::target_counts::section(sources.comparisons, drawn),
+        sections::pairwise::section(pairwise),
         sections::agreement::section(sources.agreements, drawn),
         sections::health::section(sources.health, drawn),
     ])

@@ -7,6 +7,7 @@ use crate::agreement::Agreement;
 use crate::comparison::{Comparison, Ratio, Side};
 use crate::error::InTable as _;
 use crate::health::{GeneratorHealth, Health, PlannerHealth, WeightsHealth};
+use crate::pairwise::Pairwise;
 use crate::spread::Spread;
 use crate::tables::{Row, row_table};
 
@@ -64,6 +65,31 @@ row_table! {
         by_both: u64,
         by_baseline_alone: u64,
         by_compared_alone: u64,
+    }
+}
+
+row_table! {
+    /// A method against the baseline, summed over the targets that both reached.
+    struct PairwiseRow in "pairwise" {
+        compared: String,
+        baseline: String,
+        targets: u32,
+        scene: String,
+        frames: u64,
+        by_both: u64,
+        by_baseline_alone: u64,
+        by_compared_alone: u64,
+        baseline_steps: f64,
+        compared_steps: f64,
+        baseline_ms: f64,
+        compared_ms: f64,
+        steps_ratio_but_costliest: Option<f64>,
+        time_ratio_but_costliest: Option<f64>,
+        cost_ratio_mean: Option<f64>,
+        cost_ratio_most: Option<f64>,
+        network_ms_mean: Option<f64>,
+        frame_by_target_elapsed: Option<f64>,
+        frame_by_target_cpu: Option<f64>,
     }
 }
 
@@ -143,6 +169,7 @@ row_table! {
 /// [`Error::Table`] if polars refuses a column.
 pub(crate) fn frames(
     comparisons: &[Comparison],
+    pairwise: &[Pairwise],
     agreements: &[Agreement],
     health: &Health,
 ) -> Result<Vec<(&'static str, DataFrame)>, Error> {
@@ -155,6 +182,7 @@ pub(crate) fn frames(
         frame(comparisons.iter().flat_map(comparison_rows))?,
         frame(comparisons.iter().flat_map(ratio_rows))?,
         frame(comparisons.iter().map(reached_row))?,
+        frame(pairwise.iter().map(pairwise_row))?,
         frame(agreements.iter().map(agreement_row))?,
         frame(health.samples.generators.iter().map(generator_row))?,
         frame(health.weights.iter().map(weights_row))?,
@@ -243,6 +271,30 @@ fn reached_row(comparison: &Comparison) -> ReachedRow {
         by_both: by_target.both as u64,
         by_baseline_alone: by_target.baseline_only as u64,
         by_compared_alone: by_target.compared_only as u64,
+    }
+}
+
+fn pairwise_row(pairwise: &Pairwise) -> PairwiseRow {
+    PairwiseRow {
+        compared: pairwise.compared.clone(),
+        baseline: pairwise.baseline.clone(),
+        targets: pairwise.targets,
+        scene: pairwise.scene.clone(),
+        frames: pairwise.frames as u64,
+        by_both: pairwise.both as u64,
+        by_baseline_alone: pairwise.baseline_only as u64,
+        by_compared_alone: pairwise.compared_only as u64,
+        baseline_steps: pairwise.all.baseline_steps,
+        compared_steps: pairwise.all.compared_steps,
+        baseline_ms: pairwise.all.baseline_ms,
+        compared_ms: pairwise.all.compared_ms,
+        steps_ratio_but_costliest: pairwise.but_costliest.steps_ratio(),
+        time_ratio_but_costliest: pairwise.but_costliest.time_ratio(),
+        cost_ratio_mean: pairwise.cost_ratio_mean,
+        cost_ratio_most: pairwise.cost_ratio_most,
+        network_ms_mean: pairwise.network_ms_mean,
+        frame_by_target_elapsed: pairwise.frame_by_target_elapsed,
+        frame_by_target_cpu: pairwise.frame_by_target_cpu,
     }
 }
 

@@ -3,6 +3,7 @@
 pub(crate) mod agreement;
 pub(crate) mod health;
 pub(crate) mod one_target;
+pub(crate) mod pairwise;
 pub(crate) mod target_counts;
 
 use crate::grid::Grid;
