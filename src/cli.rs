@@ -369,7 +369,9 @@ fn parse_method(name: &str) -> Result<Method, String> {
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:
   swath bench --scenes 50 --weights W.safetensors --out bench.mcap
-  swath report bench.mcap --out report")]
+  swath report bench.mcap --out report
+  swath bench --scenes 200 --targets 50 --methods swath --deadline-ms 100,5000 --check \\
+      --out frames.mcap")]
 pub(crate) struct BenchOptions {
     /// Number of generated scenes, or of frames a log
     #[arg(long, default_value_t = 50)]
@@ -393,6 +395,13 @@ pub(crate) struct BenchOptions {
     /// Most time for one target's search; 0 for no limit
     #[arg(long, default_value_t = 1000, value_name = "N")]
     pub(crate) time_limit_ms: u64,
+    /// Deadlines of a frame for swath, milliseconds; 0 for none; each but that is a method of its own in
+    /// the report
+    #[arg(long, value_delimiter = ',', default_value = "0", value_name = "N")]
+    pub(crate) deadline_ms: Vec<u64>,
+    /// Make paths drivable, and have the independent checker look at every one
+    #[arg(long)]
+    pub(crate) check: bool,
     /// Recording to write
     #[arg(long, value_name = "FILE")]
     pub(crate) out: PathBuf,

@@ -1,16 +1,20 @@
 //! `swath bench`: the paper's comparison, one report for each scene, number of targets and method.
 
+mod checked;
+
 use std::sync::Arc;
 
 use swath_bridge::msg::header::Header;
 use swath_bridge::recording::Writer;
-use swath_bridge::{Frame, keys};
+use swath_bridge::{Frame, Vehicle, keys};
 use swath_generator::Generator;
 use swath_planner::network::Network;
 use swath_planner::{
     FrameInput, FramePlan, FramePlanner, MAX_TARGETS, Method, MotionModel, PlanConfig, Start,
     TargetConfig, plan_report, sample_targets,
 };
+
+use checked::Checked;
 
 use super::generate::scenes_of;
 use crate::cli::BenchOptions;
@@ -28,7 +32,7 @@ pub(crate) fn run(options: &BenchOptions, config: &Config) -> Result<(), Failure
     let network = network::load(options.weights.as_deref())?;
     let is_of_use = options.weights.is_some() || network::misfit(network.info(), config).is_none();
     let network = is_of_use.then_some(network);
-    let methods = methods_of(options, network.is_some())?;
+    let entrants = entrants_of(options, &methods_of(options, network.is_some())?);
     let scenes = scenes_of(&options.log, config)?;
     let bench = Bench {
         generator: Generator::new(config.generator(), scenes)?,
@@ -38,22 +42,24 @@ pub(crate) fn run(options: &BenchOptions, config: &Config) -> Result<(), Failure
         )?)),
         plan: PlanConfig {
             time_limit_ms: options.time_limit_ms,
-            smooth: false,
+            smooth: options.check,
             ..config.plan
         },
         targets: config.targets,
         obstacles: config.obstacles,
         network,
+        vehicle: config.vehicle,
     };
+    let mut checked = options.check.then(Checked::default);
     let bar = progress::bar(options.scenes, "bench");
     let mut writer = Writer::create(&options.out)?;
     let mut frames = 0;
     for scene_index in 0..options.scenes {
         let (kind, frame) = bench.generator.frame(options.seed, scene_index);
         for &count in &options.targets {
-            for &method in &methods {
-                let plan = bench.plan(&frame, count, method)?;
-                write_report(&mut writer, (&kind, scene_index), &frame, (method, &plan))?;
+            for entrant in &entrants {
+                let plan = bench.plan((&frame, count), entrant, checked.as_mut())?;
+                write_report(&mut writer, (&kind, scene_index), &frame, (entrant, &plan))?;
                 frames += 1;
             }
         }
@@ -66,6 +72,14 @@ pub(crate) fn run(options: &BenchOptions, config: &Config) -> Result<(), Failure
         options.scenes,
         out = options.out.display(),
     ))?;
+    if let Some(checked) = checked {
+        output::line(checked.describe())?;
+        if checked.is_bad() {
+            return Err(
+                anyhow::anyhow!("there are paths that cannot be driven as was said").into(),
+            );
+        }
+    }
     Ok(())
 }
 
@@ -95,6 +109,33 @@ fn methods_of(options: &BenchOptions, has_network: bool) -> anyhow::Result<Vec<M
     Ok(options.methods.clone())
 }
 
+/// A method under a deadline, if it keeps one.
+struct Entrant {
+    name: String,
+    method: Method,
+    deadline_ms: u64,
+}
+
+fn entrants_of(options: &BenchOptions, methods: &[Method]) -> Vec<Entrant> {
+    let mut entrants = Vec::new();
+    for &method in methods {
+        let deadlines_ms: &[u64] = if method == Method::Swath {
+            &options.deadline_ms
+        } else {
+            &[0]
+        };
+        entrants.extend(deadlines_ms.iter().map(|&deadline_ms| Entrant {
+            name: match deadline_ms {
+                0 => method.name().to_owned(),
+                _ => format!("{}-{deadline_ms}ms", method.name()),
+            },
+            method,
+            deadline_ms,
+        }));
+    }
+    entrants
+}
+
 struct Bench {
     generator: Generator,
     planner: FramePlanner,
@@ -102,10 +143,17 @@ struct Bench {
     targets: TargetConfig,
     obstacles: swath_planner::ObstacleConfig,
     network: Option<Network>,
+    vehicle: Vehicle,
 }
 
 impl Bench {
-    fn plan(&self, frame: &Frame, count: usize, method: Method) -> anyhow::Result<FramePlan> {
+    fn plan(
+        &self,
+        (frame, count): (&Frame, usize),
+        entrant: &Entrant,
+        checked: Option<&mut Checked>,
+    ) -> anyhow::Result<FramePlan> {
+        let method = entrant.method;
         let obstacles = self.obstacles.obstacles(&frame.occupancy);
         let spec = frame.occupancy.spec;
         let goals = sample_targets(
@@ -127,9 +175,14 @@ impl Bench {
         let plan = PlanConfig {
             method,
             speed_m_per_s: frame.speed_m_per_s,
+            frame_deadline_ms: entrant.deadline_ms,
             ..self.plan
         };
-        Ok(self.planner.plan(&input, network, &plan)?)
+        let plan = self.planner.plan(&input, network, &plan)?;
+        if let Some(checked) = checked {
+            checked.add(&self.vehicle, (&input, &plan), frame.speed_m_per_s);
+        }
+        Ok(plan)
     }
 }
 
@@ -137,10 +190,11 @@ fn write_report(
     writer: &mut Writer,
     (kind, scene_index): (&str, u64),
     frame: &Frame,
-    (method, plan): (Method, &FramePlan),
+    (entrant, plan): (&Entrant, &FramePlan),
 ) -> anyhow::Result<()> {
     let header = Header::at(frame.stamp_nanos, "base_link");
-    let mut report = plan_report(header, method, frame.speed_m_per_s, plan);
+    let mut report = plan_report(header, entrant.method, frame.speed_m_per_s, plan);
+    report.method.clone_from(&entrant.name);
     VEHICLE.clone_into(&mut report.vehicle);
     kind.clone_into(&mut report.scene);
     report.frame = scene_index;
