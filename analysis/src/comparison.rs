@@ -178,11 +178,7 @@ fn choose(pairs: LazyFrame, targets: u32, set: PairSet) -> LazyFrame {
 }
 
 /// One row a pair, in the order of the baseline's plans: the keys, the baseline's measures and the compared method's.
-pub(crate) fn pairs(
-    plans: &DataFrame,
-    baseline: &str,
-    compared: &str,
-) -> Result<DataFrame, Error> {
+pub(crate) fn pairs(plans: &DataFrame, baseline: &str, compared: &str) -> Result<DataFrame, Error> {
     let first_plans_of = |method: &str| {
         plans
             .clone()

@@ -152,10 +152,7 @@ fn grouped(targets: &DataFrame) -> Result<Groups, Error> {
     for row in 0..targets.height() {
         let target = Target {
             frame: frames[row],
-            is_reached: (
-                outcomes.0[row] == "solved",
-                outcomes.1[row] == "solved",
-            ),
+            is_reached: (outcomes.0[row] == "solved", outcomes.1[row] == "solved"),
             steps: steps[row],
             ms: ms[row],
             cost: cost[row],

@@ -10,8 +10,8 @@ use swath_bridge::{Outcome, Pose2};
 use crate::collision::CollisionMap;
 use crate::motion::Successors;
 use crate::search::{
-    Frame, FrameMemory, Limits, Rules, SearchMemory, TargetResult, WeightedMemory, WeightedRegion,
-    search, search_weighted,
+    Frame, FrameMemory, Limits, Regions, Rules, SearchMemory, TargetResult, WeightedMemory,
+    WeightedRegion, search, search_weighted,
 };
 use crate::timing::CpuTimer;
 use crate::{Error, Plane};
@@ -78,6 +78,12 @@ pub struct PlanConfig {
     pub speed_m_per_s: f64,
     /// Factor on cost and heuristic inside a region, in (0, 1].
     pub region_weight: f64,
+    /// Cells by which a predicted region is made narrower on each side before `tiev-fcn` uses it. What
+    /// the network learns is as wide as a vehicle needs; the search only looks where its reference
+    /// point goes. 0 is the paper's rule.
+    pub region_shrink_cells: u32,
+    /// Whether `swath` may ask a network for the regions of targets that it finds hard.
+    pub asks_network: bool,
     /// Greatest cost of a path as a multiple of the optimum, for `weighted` and `swath`; 1 to 64.
     pub epsilon: f64,
     /// Most time for one target's search, milliseconds elapsed; 0 for no limit. Not for `swath`.
@@ -90,12 +96,21 @@ pub struct PlanConfig {
     pub order: TargetOrder,
 }
 
+impl PlanConfig {
+    /// Whether a network is of use to the method.
+    pub const fn uses_network(&self) -> bool {
+        self.method.needs_regions() || (self.asks_network && matches!(self.method, Method::Swath))
+    }
+}
+
 impl Default for PlanConfig {
     fn default() -> Self {
         Self {
             method: Method::Tiev,
             speed_m_per_s: 1.4,
             region_weight: 0.15,
+            region_shrink_cells: 3,
+            asks_network: false,
             epsilon: 1.2,
             time_limit_ms: 0,
             max_expansions: 0,
@@ -154,8 +169,10 @@ impl Planner {
         let inputs = (map, &successors);
         match config.method {
             Method::Tiev | Method::TievFcn => each_target(goals, config, |index, goal, limits| {
-                let region = regions.map(|regions| WeightedRegion {
-                    cells: &regions[index],
+                let cells =
+                    regions.map(|regions| regions[index].shrunk(config.region_shrink_cells));
+                let region = cells.as_ref().map(|cells| WeightedRegion {
+                    cells,
                     weight: config.region_weight,
                 });
                 self.memories
@@ -166,8 +183,27 @@ impl Planner {
                     search_weighted(map, &successors, (goal, config.epsilon), limits, memory)
                 })
             }),
-            Method::Swath => self.plan_together(inputs, goals, config),
+            Method::Swath => self.plan_together(inputs, goals, None, config),
         }
+    }
+
+    /// As [`Self::plan`], but regions are asked for while `swath` plans, and only if it does not get on
+    /// without; other methods do without.
+    ///
+    /// # Errors
+    /// As [`Self::plan`].
+    pub fn plan_asking(
+        &self,
+        map: &CollisionMap,
+        goals: &[Pose2],
+        ask: Regions<'_>,
+        config: &PlanConfig,
+    ) -> Result<Vec<TargetPlan>, Error> {
+        if config.method != Method::Swath {
+            return self.plan(map, goals, None, config);
+        }
+        let successors = map.model().successors(config.speed_m_per_s);
+        self.plan_together((map, &successors), goals, Some(ask), config)
     }
 
     /// Plans with `swath`.
@@ -175,6 +211,7 @@ impl Planner {
         &self,
         (map, successors): (&CollisionMap, &Successors),
         goals: &[Pose2],
+        regions: Option<Regions<'_>>,
         config: &PlanConfig,
     ) -> Result<Vec<TargetPlan>, Error> {
         let deadline = deadline_in(config.frame_deadline_ms);
@@ -189,6 +226,7 @@ impl Planner {
             successors,
             goals,
             order: &order,
+            regions,
         };
         let results = self.frames.with(|memory| memory.plan(&frame, &rules))?;
         let plans = goals.iter().zip(results);

@@ -41,7 +41,7 @@ use crate::{Error, Plane};
 pub use bound::Bound;
 pub use goal::{GOAL_TOLERANCE_M, GOAL_TOLERANCE_RAD};
 pub use memory::SearchMemory;
-pub use swath::{Frame, FrameMemory, Rules};
+pub use swath::{Frame, FrameMemory, Regions, Rules};
 pub use weighted::{WeightedMemory, search_weighted};
 
 use backward::Finding;

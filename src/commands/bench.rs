@@ -121,12 +121,12 @@ impl Bench {
             reference: &frame.reference,
             goals: &goals,
         };
-        let network = self.network.as_ref().filter(|_| method.needs_regions());
         let plan = PlanConfig {
             method,
             speed_m_per_s: frame.speed_m_per_s,
             ..self.plan
         };
+        let network = self.network.as_ref().filter(|_| plan.uses_network());
         Ok(self.planner.plan(&input, network, &plan)?)
     }
 }

@@ -24,16 +24,16 @@ use super::target::{Aims, End, Search, Shared};
 use super::tree::{Tree, Weights};
 use super::trunk::Trunk;
 use super::{Limits, TargetResult, cell_steps};
-use crate::Error;
 use crate::collision::CollisionMap;
 use crate::motion::Successors;
 use crate::timing::CpuTimer;
+use crate::{Error, Plane};
 
 /// How much of what ε allows beyond 1 a new state's key makes use of.
 const WEIGHT_SHARE: f64 = 0.5;
 
 /// A frame's targets.
-#[derive(Debug, Clone, Copy)]
+#[derive(Clone, Copy)]
 pub struct Frame<'a> {
     /// Where motions are free.
     pub map: &'a CollisionMap,
@@ -43,6 +43,24 @@ pub struct Frame<'a> {
     pub goals: &'a [Pose2],
     /// Numbers of the targets, most useful first. Those that are missing are not searched for.
     pub order: &'a [usize],
+    /// Where paths are expected, if anything can tell.
+    pub regions: Option<Regions<'a>>,
+}
+
+/// Asked at most once a frame, for the targets that all short searches left undecided: the region in
+/// which the path to each is expected. Nothing at all, or `None` for a target, says that none is known;
+/// so does a plane that is not of the map's size.
+pub type Regions<'a> = &'a (dyn Fn(&[usize]) -> Vec<Option<Plane>> + Sync);
+
+impl std::fmt::Debug for Frame<'_> {
+    fn fmt(&self, formatter: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        formatter
+            .debug_struct("Frame")
+            .field("goals", &self.goals)
+            .field("order", &self.order)
+            .field("regions", &self.regions.map(|_| "callback"))
+            .finish_non_exhaustive()
+    }
 }
 
 /// How a frame's targets are searched for.
@@ -65,6 +83,8 @@ pub(super) struct Effort {
     pub(super) first: u64,
     /// Of the second searches for all targets that the first ones left, if these are few.
     pub(super) few: u64,
+    /// Of the searches for what is left then, before it is asked where paths are expected.
+    pub(super) before_asking: u64,
 }
 
 impl Default for Effort {
@@ -74,6 +94,7 @@ impl Default for Effort {
             far: 30_000,
             first: 500,
             few: 20_000,
+            before_asking: 2_000,
         }
     }
 }
@@ -85,6 +106,8 @@ pub struct FrameMemory {
     aims: Aims,
     distances: Distances,
     trunk: Trunk,
+    /// By target, as far as they were asked for.
+    regions: Vec<Option<Plane>>,
     /// One for each thread.
     trees: Vec<Tree>,
 }
@@ -176,6 +199,18 @@ impl FrameMemory {
         let (map, successors) = (frame.map, frame.successors);
         let far = (self.effort.far, &stop as _);
         self.trunk.spread(map, successors, &unsolved, far);
+        let mut left = left;
+        if frame.regions.is_some() {
+            // What the trunk decides needs no region.
+            let most = self.effort.before_asking;
+            left = self.search_for(
+                frame,
+                rules,
+                (&goals, left),
+                ((&mut spent, most), &mut results),
+            );
+            self.ask_regions(frame, (rules, &left));
+        }
         self.search_for(
             frame,
             rules,
@@ -183,6 +218,19 @@ impl FrameMemory {
             ((&mut spent, u64::MAX), &mut results),
         );
         Ok(results)
+    }
+
+    /// Asks where the paths to targets that are left are expected.
+    fn ask_regions(&mut self, frame: &Frame<'_>, (rules, left): (&Rules<'_>, &[usize])) {
+        let Some(ask) = frame.regions else { return };
+        if left.is_empty() || rules.limits.asked().is_some() {
+            return;
+        }
+        self.regions.resize(frame.goals.len(), None);
+        for (&number, region) in left.iter().zip(ask(left)) {
+            self.regions[number] =
+                region.filter(|region| region.check_size("region", frame.map.spec()).is_ok());
+        }
     }
 
     /// Searches for targets with at most so many expansions each, as far as the rules' limit leaves any
@@ -219,6 +267,7 @@ impl FrameMemory {
     fn prepare(&mut self, frame: &Frame<'_>, rules: &Rules<'_>) -> Result<bool, Error> {
         let (map, successors) = (frame.map, frame.successors);
         map.spec().validate()?;
+        self.regions.clear();
         self.aims.prepare(map);
         let stop = || rules.limits.asked().is_some();
         let (distances, trunk) = (&mut self.distances, &mut self.trunk);
@@ -245,6 +294,7 @@ impl FrameMemory {
             aims: &self.aims,
             distances: &self.distances,
             trunk: &self.trunk,
+            regions: &self.regions,
         };
         let weights = Weights::new(epsilon, 1.0 + WEIGHT_SHARE * (epsilon - 1.0));
         let threads = rayon::current_num_threads().min(numbers.len());
@@ -260,7 +310,7 @@ impl FrameMemory {
                     break;
                 }
                 let timer = CpuTimer::of_thread();
-                let end = Search::new(&shared, weights, tree).run(goal, limits);
+                let end = Search::new(&shared, weights, tree).run((number, goal), limits);
                 ends.push((number, end, timer.elapsed()));
             }
             ends
