@@ -5,10 +5,11 @@
 //! centre, heading along the grid, so it is given the obstacles as they are seen from there; what it
 //! finds is made drivable, and tested, on the cells as they came.
 
+mod asking;
 mod drive;
 mod view;
 
-use std::sync::Arc;
+use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
 use serde::{Deserialize, Serialize};
@@ -16,10 +17,12 @@ use swath_bridge::{GridSpec, Occupancy, Pose2};
 
 use crate::collision::CollisionMap;
 use crate::network::{Network, Prediction, Reach, Surroundings};
-use crate::plan::{PlanConfig, Planner, Pool, TargetPlan, deadline_in, order_of, stop_at};
+use crate::plan::{Method, PlanConfig, Planner, Pool, TargetPlan, deadline_in, order_of, stop_at};
 use crate::smooth::Smoother;
 use crate::timing::CpuTimer;
 use crate::{Error, MotionModel, Plane};
+
+pub use asking::Consulted;
 
 use drive::{Drive, make_drivable};
 use view::View;
@@ -93,6 +96,8 @@ pub struct FramePlan {
     pub regions: Vec<Plane>,
     /// How well each goal can be reached, as far as the network says.
     pub reach: Vec<Option<Reach>>,
+    /// Whether the network was asked.
+    pub consulted: Consulted,
     /// Elapsed time of the prediction.
     pub network: Duration,
     /// Elapsed time of the searches.
@@ -107,6 +112,38 @@ pub struct FramePlan {
     pub deadline: Duration,
 }
 
+/// A frame as it is searched.
+#[derive(Debug, Clone, Copy)]
+struct Seen<'a> {
+    map: &'a CollisionMap,
+    view: &'a View<'a>,
+    /// When the searches end.
+    deadline: Option<Instant>,
+}
+
+/// What came of searching a frame.
+#[derive(Debug)]
+struct Found {
+    targets: Vec<TargetPlan>,
+    regions: Vec<Plane>,
+    reach: Vec<Option<Reach>>,
+    consulted: Consulted,
+    network: Duration,
+}
+
+impl Found {
+    /// Without a network.
+    const fn without(targets: Vec<TargetPlan>) -> Self {
+        Self {
+            targets,
+            regions: Vec::new(),
+            reach: Vec::new(),
+            consulted: Consulted::Without,
+            network: Duration::ZERO,
+        }
+    }
+}
+
 /// Share of a frame's time, and most of it, that is kept for making paths drivable.
 const SMOOTH_SHARE: f64 = 0.15;
 const MOST_SMOOTH: Duration = Duration::from_millis(15);
@@ -117,6 +154,8 @@ pub struct FramePlanner {
     model: Arc<MotionModel>,
     planner: Planner,
     smoothers: Pool<Option<Smoother>>,
+    /// Longest prediction so far: what one is expected to take.
+    longest_prediction: Mutex<Duration>,
 }
 
 impl FramePlanner {
@@ -126,6 +165,7 @@ impl FramePlanner {
             model,
             planner: Planner::new(),
             smoothers: Pool::default(),
+            longest_prediction: Mutex::default(),
         }
     }
 
@@ -146,38 +186,70 @@ impl FramePlanner {
         let started = Instant::now();
         let deadline = deadline_in(config.frame_deadline_ms);
         let view = View::new(input);
-        let predictions = network
-            .map(|network| predict(input.spec, &view, network, config.speed_m_per_s))
-            .transpose()?;
-        let network_time = network.map_or(Duration::ZERO, |_| started.elapsed());
-        let (regions, reach) = predictions.map_or_else(Default::default, |predictions| {
-            let parts = predictions.into_iter();
-            let parts = parts.map(|prediction| (prediction.region, prediction.reach));
-            parts.unzip::<_, _, Vec<_>, Vec<_>>()
-        });
         let map = CollisionMap::new(Arc::clone(&self.model), input.spec, &view.obstacles)?;
-        let mut targets = self.planner.plan_until(
-            deadline.map(|deadline| search_deadline(deadline, config)),
-            (&map, &view.goals),
-            network.map(|_| regions.as_slice()),
-            config,
-        )?;
+        let seen = Seen {
+            map: &map,
+            view: &view,
+            deadline: deadline.map(|deadline| search_deadline(deadline, config)),
+        };
+        let mut found = match network {
+            Some(network) if config.method == Method::Swath => {
+                self.search_asking(&seen, network, config)?
+            }
+            Some(network) => self.search_inside(&seen, network, config)?,
+            None => Found::without(self.search(&seen, None, config)?),
+        };
         let (cpu, total) = (cpu.elapsed(), started.elapsed());
-        as_seen_by_vehicle(input, &mut targets);
+        as_seen_by_vehicle(input, &mut found.targets);
         if config.smooth {
-            self.make_drivable(input, &mut targets, (deadline, config))?;
+            self.make_drivable(input, &mut found.targets, (deadline, config))?;
         }
         Ok(FramePlan {
-            targets,
+            targets: found.targets,
             start: input.start,
-            regions,
-            reach,
-            network: network_time,
-            search: total.saturating_sub(network_time),
+            regions: found.regions,
+            reach: found.reach,
+            consulted: found.consulted,
+            network: found.network,
+            search: total.saturating_sub(found.network),
             cpu,
             total,
             smooth: started.elapsed().saturating_sub(total),
             deadline: Duration::from_millis(config.frame_deadline_ms),
+        })
+    }
+
+    /// Searches without a network, or in regions.
+    fn search(
+        &self,
+        seen: &Seen<'_>,
+        regions: Option<&[Plane]>,
+        config: &PlanConfig,
+    ) -> Result<Vec<TargetPlan>, Error> {
+        let goals = (seen.map, &*seen.view.goals);
+        self.planner
+            .plan_until(seen.deadline, goals, regions, config)
+    }
+
+    /// Predicts all regions, and searches in them.
+    fn search_inside(
+        &self,
+        seen: &Seen<'_>,
+        network: &Network,
+        config: &PlanConfig,
+    ) -> Result<Found, Error> {
+        let started = Instant::now();
+        let predictions = predict(seen, &seen.view.goals, network, config.speed_m_per_s)?;
+        let elapsed = started.elapsed();
+        let parts = predictions.into_iter();
+        let parts = parts.map(|prediction| (prediction.region, prediction.reach));
+        let (regions, reach): (Vec<_>, Vec<_>) = parts.unzip();
+        Ok(Found {
+            targets: self.search(seen, Some(&regions), config)?,
+            regions,
+            reach,
+            consulted: Consulted::ForAll,
+            network: elapsed,
         })
     }
 
@@ -223,14 +295,14 @@ fn as_seen_by_vehicle(input: &FrameInput<'_>, targets: &mut [TargetPlan]) {
     }
 }
 
-/// The region to each goal (the paper's Algorithm 2, lines 2 to 9).
+/// The regions to goals (the paper's Algorithm 2, lines 2 to 9).
 fn predict(
-    spec: GridSpec,
-    view: &View<'_>,
+    seen: &Seen<'_>,
+    goals: &[Pose2],
     network: &Network,
     speed_m_per_s: f64,
 ) -> Result<Vec<Prediction>, Error> {
-    let info = network.info();
+    let (spec, info) = (*seen.map.spec(), network.info());
     if info.spec != spec {
         return Err(Error::GridMismatch {
             got: spec,
@@ -238,11 +310,11 @@ fn predict(
         });
     }
     let mut reference = Plane::empty(spec.rows, spec.cols);
-    reference.draw_line(&spec, &view.reference, info.reference_dilation_m);
+    reference.draw_line(&spec, &seen.view.reference, info.reference_dilation_m);
     let surroundings = Surroundings {
-        obstacles: &view.obstacles,
+        obstacles: &seen.view.obstacles,
         reference: &reference,
         speed_m_per_s,
     };
-    network.predict(&surroundings, &view.goals)
+    network.predict(&surroundings, goals)
 }

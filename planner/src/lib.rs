@@ -31,7 +31,7 @@ pub use action::{ACTIONS, AHEAD, Action, ActionTable, DIRECTIONS, REACH_CELLS};
 pub use choice::{ChoiceConfig, choose};
 pub use collision::CollisionMap;
 pub use error::Error;
-pub use frame::{FrameInput, FramePlan, FramePlanner, ObstacleConfig, Start};
+pub use frame::{Consulted, FrameInput, FramePlan, FramePlanner, ObstacleConfig, Start};
 pub use guidance::{Guidance, RegionSampler};
 pub use motion::{MotionModel, Successors, max_curvature_per_m};
 pub use path_point::PathPoint;

@@ -14,7 +14,7 @@ use crate::hybrid::{HybridMemory, hybrid};
 use crate::motion::Successors;
 use crate::rrt_star::{Drawing, RrtMemory, rrt_star};
 use crate::search::{
-    Frame, FrameMemory, Limits, Rules, SearchMemory, TargetResult, WeightedMemory, search,
+    Frame, FrameMemory, Limits, Regions, Rules, SearchMemory, TargetResult, WeightedMemory, search,
     search_weighted,
 };
 use crate::smooth::{Drivability, DrivablePath, SmoothConfig};
@@ -119,6 +119,12 @@ pub struct PlanConfig {
     pub speed_m_per_s: f64,
     /// Factor on cost and heuristic inside a region, in (0, 1].
     pub region_weight: f64,
+    /// Cells by which a predicted region is made narrower on each side before `tiev-fcn` uses it. What
+    /// the network learns is as wide as a vehicle needs; the search only looks where its reference
+    /// point goes. 0 is the paper's rule.
+    pub region_shrink_cells: u32,
+    /// Whether `swath` may ask a network for the regions of targets that it finds hard.
+    pub asks_network: bool,
     /// Greatest cost of a path as a multiple of the optimum, for `weighted` and `swath`; 1 to 64.
     pub epsilon: f64,
     /// Most time for one target's search, milliseconds elapsed; 0 for no limit. Not for `swath`.
@@ -137,12 +143,21 @@ pub struct PlanConfig {
     pub seed: u64,
 }
 
+impl PlanConfig {
+    /// Whether a network is of use to the method.
+    pub const fn uses_network(&self) -> bool {
+        self.method.needs_regions() || (self.asks_network && matches!(self.method, Method::Swath))
+    }
+}
+
 impl Default for PlanConfig {
     fn default() -> Self {
         Self {
             method: Method::Swath,
             speed_m_per_s: 1.4,
             region_weight: 0.15,
+            region_shrink_cells: 3,
+            asks_network: false,
             epsilon: 1.2,
             time_limit_ms: 0,
             max_expansions: 0,
@@ -247,7 +262,15 @@ impl Planner {
             Method::Tiev | Method::TievFcn => {
                 let successors = successors();
                 each_target(frame, config, |index, goal, limits| {
-                    let goal = (goal, guidance(index));
+                    let narrow = |regions: &[Plane]| {
+                        let narrower = regions[index].shrunk(config.region_shrink_cells);
+                        (narrower, config.region_weight)
+                    };
+                    let region = regions.map(narrow);
+                    let guidance = region.as_ref().map_or(Guidance::NONE, |(cells, weight)| {
+                        Guidance::inside(cells, *weight)
+                    });
+                    let goal = (goal, guidance);
                     self.memories
                         .with(|memory| search(map, &successors, goal, limits, memory))
                 })
@@ -260,12 +283,28 @@ impl Planner {
                         .with(|memory| search_weighted(map, &successors, goal, limits, memory))
                 })
             }
-            Method::Swath => self.plan_together((map, &successors()), frame, config),
+            Method::Swath => self.plan_together((map, &successors()), frame, None, config),
             Method::Hybrid | Method::HybridFcn => self.plan_hybrid(map, frame, guidance, config),
             Method::RrtStar | Method::RrtStarFcn => {
                 self.plan_rrt_star(map, frame, guidance, config)
             }
         }
+    }
+
+    /// As [`Self::plan_until`], but regions are asked for while `swath` plans, and only if it does not get
+    /// on without; other methods do without.
+    pub(crate) fn plan_asking(
+        &self,
+        deadline: Option<Instant>,
+        (map, goals): (&CollisionMap, &[Pose2]),
+        ask: Regions<'_>,
+        config: &PlanConfig,
+    ) -> Result<Vec<TargetPlan>, Error> {
+        if config.method != Method::Swath {
+            return self.plan_until(deadline, (map, goals), None, config);
+        }
+        let successors = map.model().successors(config.speed_m_per_s);
+        self.plan_together((map, &successors), (goals, deadline), Some(ask), config)
     }
 
     /// Plans with `hybrid` or `hybrid-fcn`.
@@ -312,6 +351,7 @@ impl Planner {
         &self,
         (map, successors): (&CollisionMap, &Successors),
         (goals, deadline): (&[Pose2], Option<Instant>),
+        regions: Option<Regions<'_>>,
         config: &PlanConfig,
     ) -> Result<Vec<TargetPlan>, Error> {
         let stop = stop_at(deadline);
@@ -325,6 +365,7 @@ impl Planner {
             successors,
             goals,
             order: &order,
+            regions,
         };
         let results = self.frames.with(|memory| memory.plan(&frame, &rules))?;
         let plans = goals.iter().zip(results);

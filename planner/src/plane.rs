@@ -124,6 +124,23 @@ impl Plane {
         }
     }
 
+    /// The cells around which a square of `2 cells + 1` a side is set, as far as it is on the grid.
+    pub fn shrunk(&self, cells: u32) -> Self {
+        let (rows, cols) = (self.rows as usize, self.cols as usize);
+        let mut set = vec![false; rows * cols];
+        self.each_set(|index| set[index] = true);
+        for (lines, along, across) in [(rows, 1, cols), (cols, cols, 1)] {
+            let len = rows * cols / lines.max(1);
+            for line in 0..lines {
+                shrink_line(&mut set, (line * across, along, len), cells as usize);
+            }
+        }
+        let mut shrunk = Self::empty(self.rows, self.cols);
+        let kept = set.iter().enumerate().filter(|(_, is_set)| **is_set);
+        kept.for_each(|(index, _)| shrunk.set_index(index));
+        shrunk
+    }
+
     /// Calls `each` with the row-major index of every set cell, in order.
     pub fn each_set(&self, mut each: impl FnMut(usize)) {
         for (byte, &bits) in self.bits.iter().enumerate() {
@@ -175,6 +192,29 @@ impl Plane {
         let (row, col) = (cell.row as u32, cell.col as u32);
         (row < self.rows && col < self.cols)
             .then(|| row as usize * self.cols as usize + col as usize)
+    }
+}
+
+/// Clears what is within so many cells of a cleared cell of a line: a first index, a stride, a length.
+fn shrink_line(set: &mut [bool], (first, stride, len): (usize, usize, usize), cells: usize) {
+    let mut run = 0;
+    for place in 0..=len {
+        if place < len && set[first + place * stride] {
+            run += 1;
+            continue;
+        }
+        // A run that ends at the grid's edge keeps that end.
+        let begin = place - run;
+        let low = if begin == 0 { 0 } else { begin + cells };
+        let high = if place == len {
+            len
+        } else {
+            place.saturating_sub(cells)
+        };
+        for inner in (begin..place).filter(|inner| !(low..high).contains(inner)) {
+            set[first + inner * stride] = false;
+        }
+        run = 0;
     }
 }
 
@@ -244,6 +284,28 @@ mod tests {
     }
 
     proptest! {
+        #[test]
+        fn a_cell_survives_shrinking_if_all_cells_around_it_are_set(
+            rows in 1u32..9, cols in 1u32..9, by in 0u32..4, seed: u64,
+        ) {
+            let mut plane = Plane::empty(rows, cols);
+            for index in 0..plane.len() {
+                // Three cells of four are set.
+                if seed.rotate_left(u32::try_from(index * 5 % 64).unwrap()) & 3 != 0 {
+                    plane.set_index(index);
+                }
+            }
+            let shrunk = plane.shrunk(by);
+            let by = i32::try_from(by).unwrap();
+            let (rows, cols) = (i32::try_from(rows).unwrap(), i32::try_from(cols).unwrap());
+            for (row, col) in (0..rows).flat_map(|row| (0..cols).map(move |col| (row, col))) {
+                let around = (row - by..=row + by).flat_map(|r| (col - by..=col + by).map(move |c| (r, c)));
+                let mut on_grid = around.filter(|&(r, c)| (0..rows).contains(&r) && (0..cols).contains(&c));
+                let is_kept = on_grid.all(|(r, c)| plane.get(Cell::new(r, c)));
+                prop_assert_eq!(shrunk.get(Cell::new(row, col)), is_kept);
+            }
+        }
+
         #[test]
         fn a_drawn_line_holds_just_the_cells_within_its_radius(
             x0 in -10.0..50.0f64, y0 in -15.0..15.0f64,

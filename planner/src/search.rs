@@ -30,6 +30,7 @@ mod target;
 mod tree;
 mod trunk;
 mod weighted;
+mod work;
 
 use swath_bridge::{Outcome, Pose2};
 
@@ -46,7 +47,7 @@ pub(crate) use path::POSE_SPACING_M;
 
 pub use goal::{GOAL_TOLERANCE_M, GOAL_TOLERANCE_RAD};
 pub use memory::SearchMemory;
-pub use swath::{Frame, FrameMemory, Rules};
+pub use swath::{Frame, FrameMemory, Regions, Rules};
 pub use weighted::{WeightedMemory, search_weighted};
 
 use backward::Finding;

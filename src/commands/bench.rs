@@ -171,13 +171,13 @@ impl Bench {
             goals: &goals,
             start: Start::default(),
         };
-        let network = self.network.as_ref().filter(|_| method.needs_regions());
         let plan = PlanConfig {
             method,
             speed_m_per_s: frame.speed_m_per_s,
             frame_deadline_ms: entrant.deadline_ms,
             ..self.plan
         };
+        let network = self.network.as_ref().filter(|_| plan.uses_network());
         let plan = self.planner.plan(&input, network, &plan)?;
         if let Some(checked) = checked {
             checked.add(&self.vehicle, (&input, &plan), frame.speed_m_per_s);

@@ -20,18 +20,19 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Duration;
 
 use rayon::iter::{IntoParallelRefMutIterator, ParallelIterator};
-use swath_bridge::{Outcome, Pose2};
+use swath_bridge::Pose2;
 
 use super::distance::Distances;
 use super::goal::Goal;
 use super::target::{Aims, Search, Shared};
 use super::tree::{Tree, Weights};
 use super::trunk::Trunk;
+use super::work::{Work, is_over};
 use super::{Limits, TargetResult, cell_steps};
-use crate::Error;
 use crate::collision::CollisionMap;
 use crate::motion::Successors;
 use crate::timing::CpuTimer;
+use crate::{Error, Plane};
 
 /// Expansions of each target in the first round under a deadline, as a multiple of the first search's.
 const FIRST_ROUND: u64 = 8;
@@ -41,7 +42,7 @@ const NEXT_ROUND: u64 = 4;
 const WEIGHT_SHARE: f64 = 0.5;
 
 /// A frame's targets.
-#[derive(Debug, Clone, Copy)]
+#[derive(Clone, Copy)]
 pub struct Frame<'a> {
     /// Where motions are free.
     pub map: &'a CollisionMap,
@@ -51,6 +52,24 @@ pub struct Frame<'a> {
     pub goals: &'a [Pose2],
     /// Numbers of the targets, most useful first. Those that are missing are not searched for.
     pub order: &'a [usize],
+    /// Where paths are expected, if anything can tell.
+    pub regions: Option<Regions<'a>>,
+}
+
+/// Asked at most once a frame, for the targets that all short searches left undecided: the region in
+/// which the path to each is expected. Nothing at all, or `None` for a target, says that none is known;
+/// so does a plane that is not of the map's size.
+pub type Regions<'a> = &'a (dyn Fn(&[usize]) -> Vec<Option<Plane>> + Sync);
+
+impl std::fmt::Debug for Frame<'_> {
+    fn fmt(&self, formatter: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        formatter
+            .debug_struct("Frame")
+            .field("goals", &self.goals)
+            .field("order", &self.order)
+            .field("regions", &self.regions.map(|_| "callback"))
+            .finish_non_exhaustive()
+    }
 }
 
 /// How a frame's targets are searched for.
@@ -73,6 +92,8 @@ pub(super) struct Effort {
     pub(super) first: u64,
     /// Of the second searches for all targets that the first ones left, if these are few.
     pub(super) few: u64,
+    /// Of the searches for what is left then, before it is asked where paths are expected.
+    pub(super) before_asking: u64,
 }
 
 impl Default for Effort {
@@ -82,22 +103,8 @@ impl Default for Effort {
             far: 30_000,
             first: 500,
             few: 20_000,
+            before_asking: 2_000,
         }
-    }
-}
-
-const NOTHING: TargetResult = TargetResult::without_path(Outcome::BudgetExhausted, 0);
-
-/// The cheaper one of two undecided results, with what both have proved.
-fn better_of(a: TargetResult, b: TargetResult) -> TargetResult {
-    if a.outcome != Outcome::Solved || b.outcome != Outcome::Solved {
-        return if a.outcome == Outcome::Solved { a } else { b };
-    }
-    let least = (a.cost / a.bound).max(b.cost / b.bound);
-    let best = if b.cost < a.cost { b } else { a };
-    TargetResult {
-        bound: (best.cost / least).max(1.0),
-        ..best
     }
 }
 
@@ -108,6 +115,8 @@ pub struct FrameMemory {
     aims: Aims,
     distances: Distances,
     trunk: Trunk,
+    /// By target, as far as they were asked for.
+    regions: Vec<Option<Plane>>,
     /// One for each thread.
     trees: Vec<Tree>,
 }
@@ -149,106 +158,84 @@ impl FrameMemory {
                 goals: frame.goals.len(),
             });
         }
-        let mut results = vec![
-            (
-                TargetResult::without_path(Outcome::BudgetExhausted, 0),
-                Duration::ZERO
-            );
-            frame.goals.len()
-        ];
-        let mut goals: Vec<Option<Goal>> = Vec::new();
-        for (pose, result) in frame.goals.iter().zip(&mut results) {
-            let goal = Goal::new(frame.map, pose).map_err(|outcome| {
-                result.0 = TargetResult::without_path(outcome, 0);
-            });
-            goals.push(goal.ok());
+        let mut work = Work::new(frame, rules.epsilon);
+        if work.left.is_empty() || !self.prepare(frame, rules)? {
+            return Ok(work.results);
         }
-        let has_goal = |&&number: &&usize| goals[number].is_some();
-        let left: Vec<usize> = frame.order.iter().filter(has_goal).copied().collect();
-        if left.is_empty() || !self.prepare(frame, rules)? {
-            return Ok(results);
-        }
-        let mut spent = 0;
-        let left = self.search_for(
-            frame,
-            rules,
-            (&goals, left),
-            ((&mut spent, self.effort.first), &mut results),
-        );
+        let task = (frame, rules);
+        self.search_for(task, &mut work, self.effort.first);
         // Where few targets are left, searching longer for them costs less than what would serve many.
-        let each = self.effort.few / left.len().max(1) as u64;
-        let left = if each > 2 * self.effort.first {
-            self.search_for(
-                frame,
-                rules,
-                (&goals, left),
-                ((&mut spent, each), &mut results),
-            )
-        } else {
-            left
-        };
-        let most = rules.limits.max_expansions.unwrap_or(u64::MAX);
-        if left.is_empty() || spent >= most || rules.limits.asked().is_some() {
-            return Ok(results);
+        let each = self.effort.few / work.left.len().max(1) as u64;
+        if each > 2 * self.effort.first {
+            self.search_for(task, &mut work, each);
         }
-        self.search_farther(
-            frame,
-            rules,
-            (&goals, left),
-            ((&mut spent, each), &mut results),
-        );
-        Ok(results)
+        if !is_over(rules, &work) {
+            self.search_farther(task, &mut work, each);
+        }
+        Ok(work.results)
     }
 
     /// Searches for the targets that are left, with the trunk's states farther off: without end, or in
     /// rounds of at least so many expansions each.
     fn search_farther(
         &mut self,
-        frame: &Frame<'_>,
-        rules: &Rules<'_>,
-        (goals, mut left): (&[Option<Goal>], Vec<usize>),
-        ((spent, mut each), results): ((&mut u64, u64), &mut [(TargetResult, Duration)]),
+        (frame, rules): (&Frame<'_>, &Rules<'_>),
+        work: &mut Work,
+        each: u64,
     ) {
-        let unsolved: Vec<&Goal> = left.iter().filter_map(|&at| goals[at].as_ref()).collect();
-        let most = rules.limits.max_expansions.unwrap_or(u64::MAX);
+        let goals = &work.goals;
+        let unsolved: Vec<&Goal> = work
+            .left
+            .iter()
+            .filter_map(|&at| goals[at].as_ref())
+            .collect();
         let stop = || rules.limits.asked().is_some();
-        let (map, successors) = (frame.map, frame.successors);
         let far = (self.effort.far, &stop as _);
-        self.trunk.spread(map, successors, &unsolved, far);
+        self.trunk
+            .spread(frame.map, frame.successors, &unsolved, far);
+        if frame.regions.is_some() {
+            // What the trunk decides needs no region.
+            self.search_for((frame, rules), work, self.effort.before_asking);
+            self.ask_regions((frame, rules), &work.left);
+        }
         // Under a deadline nothing that takes long keeps the others from their turn.
-        each = match rules.limits.stop {
+        let mut each = match rules.limits.stop {
             Some(_) => each.max(FIRST_ROUND * self.effort.first),
             None => u64::MAX,
         };
-        while !left.is_empty() && !stop() && *spent < most {
-            left = self.search_for(frame, rules, (goals, left), ((spent, each), results));
+        while !is_over(rules, work) {
+            self.search_for((frame, rules), work, each);
             each = each.saturating_mul(NEXT_ROUND);
         }
     }
 
-    /// Searches for targets with at most so many expansions each, as far as the rules' limit leaves any
-    /// after what each was searched for already; returns those which are not decided.
-    fn search_for(
-        &mut self,
-        frame: &Frame<'_>,
-        rules: &Rules<'_>,
-        (goals, numbers): (&[Option<Goal>], Vec<usize>),
-        ((spent, most), results): ((&mut u64, u64), &mut [(TargetResult, Duration)]),
-    ) -> Vec<usize> {
-        let left = rules
-            .limits
-            .max_expansions
-            .map_or(u64::MAX, |most| most.saturating_sub(*spent));
-        if left == 0 {
-            return numbers;
+    /// Asks where the paths to targets that are left are expected.
+    fn ask_regions(&mut self, (frame, rules): (&Frame<'_>, &Rules<'_>), left: &[usize]) {
+        let Some(ask) = frame.regions else { return };
+        if left.is_empty() || rules.limits.asked().is_some() {
+            return;
         }
-        let most = most.min(left);
-        *spent = spent.saturating_add(most);
+        self.regions.resize(frame.goals.len(), None);
+        for (&number, region) in left.iter().zip(ask(left)) {
+            self.regions[number] =
+                region.filter(|region| region.check_size("region", frame.map.spec()).is_ok());
+        }
+    }
+
+    /// Searches for the targets that are left with at most so many expansions each, as far as the rules'
+    /// limit leaves any after what each was searched for already.
+    fn search_for(&mut self, (frame, rules): (&Frame<'_>, &Rules<'_>), work: &mut Work, most: u64) {
+        let allowed = rules.limits.max_expansions.unwrap_or(u64::MAX);
+        let most = most.min(allowed.saturating_sub(work.spent));
+        if most == 0 {
+            return;
+        }
+        work.spent = work.spent.saturating_add(most);
         let limits = Limits {
             max_expansions: Some(most),
             ..rules.limits
         };
-        self.search_all(frame, (goals, &numbers), (rules.epsilon, limits), results)
+        self.search_all(frame, work, (rules.epsilon, limits));
     }
 
     /// Expansions that served all targets of the last frame together.
@@ -260,6 +247,7 @@ impl FrameMemory {
     fn prepare(&mut self, frame: &Frame<'_>, rules: &Rules<'_>) -> Result<bool, Error> {
         let (map, successors) = (frame.map, frame.successors);
         map.spec().validate()?;
+        self.regions.clear();
         self.aims.prepare(map);
         let stop = || rules.limits.asked().is_some();
         let (distances, trunk) = (&mut self.distances, &mut self.trunk);
@@ -271,14 +259,13 @@ impl FrameMemory {
         Ok(is_grown? && is_measured)
     }
 
-    /// Searches for targets on all threads; returns those which are not decided, in the same order.
+    /// Searches for the targets that are left on all threads.
     fn search_all(
         &mut self,
         frame: &Frame<'_>,
-        (goals, numbers): (&[Option<Goal>], &[usize]),
+        work: &mut Work,
         (epsilon, limits): (f64, Limits<'_>),
-        results: &mut [(TargetResult, Duration)],
-    ) -> Vec<usize> {
+    ) {
         let shared = Shared {
             map: frame.map,
             successors: frame.successors,
@@ -286,14 +273,16 @@ impl FrameMemory {
             aims: &self.aims,
             distances: &self.distances,
             trunk: &self.trunk,
+            regions: &self.regions,
         };
         let weights = Weights::new(epsilon, 1.0 + WEIGHT_SHARE * (epsilon - 1.0));
-        let threads = rayon::current_num_threads().min(numbers.len());
+        let threads = rayon::current_num_threads().min(work.left.len());
         if self.trees.len() < threads {
             self.trees.resize_with(threads, Tree::default);
         }
         let next = AtomicUsize::new(0);
-        let work = |tree: &mut Tree| {
+        let (goals, numbers) = (&work.goals, &work.left);
+        let search = |tree: &mut Tree| {
             let mut ends = Vec::new();
             while let Some(&number) = numbers.get(next.fetch_add(1, Ordering::Relaxed)) {
                 let Some(goal) = &goals[number] else { continue };
@@ -301,26 +290,15 @@ impl FrameMemory {
                     break;
                 }
                 let timer = CpuTimer::of_thread();
-                let end = Search::new(&shared, weights, tree).run(goal, limits);
+                let end = Search::new(&shared, weights, tree).run((number, goal), limits);
                 ends.push((number, end, timer.elapsed()));
             }
             ends
         };
         let workers = self.trees[..threads].par_iter_mut();
-        let mut is_decided = vec![false; goals.len()];
-        for (number, end, cpu) in workers.map(work).collect::<Vec<_>>().into_iter().flatten() {
-            let (result, all_cpu) = &mut results[number];
-            let steps = result.steps + end.result.steps;
-            is_decided[number] = end.is_decided;
-            *result = if end.is_decided {
-                end.result
-            } else {
-                better_of(std::mem::replace(result, NOTHING), end.result)
-            };
-            result.steps = steps;
-            *all_cpu += cpu;
+        let ends: Vec<_> = workers.map(search).collect();
+        for (number, end, cpu) in ends.into_iter().flatten() {
+            work.take(number, end, cpu);
         }
-        let undecided = |number: &&usize| !is_decided[**number];
-        numbers.iter().filter(undecided).copied().collect()
     }
 }

@@ -21,6 +21,7 @@ use super::memory::{Parent, Place, State};
 use super::tree::{About, Stage, Tree, Weights};
 use super::trunk::Trunk;
 use super::{CellStep, Limits, SHORT_STOP_INTERVAL, TargetResult, floor_units, path};
+use crate::Plane;
 use crate::action::{ACTIONS, AHEAD, DIRECTIONS};
 use crate::collision::{CollisionMap, WORD};
 use crate::motion::{COST_UNITS, Side, Successors};
@@ -34,6 +35,8 @@ pub(super) struct Shared<'a> {
     pub(super) aims: &'a Aims,
     pub(super) distances: &'a Distances,
     pub(super) trunk: &'a Trunk,
+    /// By target: where its path is expected; empty if nothing is known of any.
+    pub(super) regions: &'a [Option<Plane>],
 }
 
 /// Where cells and headings lie from the vehicle; the same for all maps of a grid.
@@ -100,6 +103,8 @@ pub(super) struct Search<'a> {
     shared: &'a Shared<'a>,
     tree: &'a mut Tree,
     weights: Weights,
+    /// States outside are expanded as late as the bound allows.
+    region: Option<&'a Plane>,
     /// Cost of the best path so far, in units, and the state in which it meets the trunk.
     best: Option<(u32, State)>,
     steps: u64,
@@ -112,12 +117,15 @@ impl<'a> Search<'a> {
             shared,
             tree,
             weights,
+            region: None,
             best: None,
             steps: 0,
         }
     }
 
-    pub(super) fn run(mut self, goal: &Goal, limits: Limits<'_>) -> End {
+    /// Searches for the target of a number.
+    pub(super) fn run(mut self, (number, goal): (usize, &Goal), limits: Limits<'_>) -> End {
+        self.region = self.shared.regions.get(number).and_then(Option::as_ref);
         let mut least = NO_WAY;
         for state in goal.states() {
             let place = self.place(state);
@@ -140,9 +148,18 @@ impl<'a> Search<'a> {
                     is_decided: false,
                 };
             }
+            let cost = self.tree.cost(place);
+            if let Some((best, _)) = self.best
+                && self
+                    .weights
+                    .ceiling(u64::from(cost) + u64::from(self.least(state)))
+                    >= best
+            {
+                continue;
+            }
             self.tree.set_stage(place, Stage::Expanded);
             self.steps += 1;
-            self.expand(state, self.tree.cost(place));
+            self.expand(state, cost);
         }
         let least = self.best.map_or(0, |(cost, _)| self.weights.floor(cost));
         End::decided(self.so_far((Outcome::Unreachable, least)))
@@ -281,8 +298,13 @@ impl<'a> Search<'a> {
             self.meet(to, cost.saturating_add(far));
         }
         let best = self.best.map(|(best, _)| best);
+        let is_late = match self.region {
+            Some(region) => !region.get_index(to.cell()),
+            // What short searches leave is decided by what can be ruled out, not by what is found first.
+            None => trunk.is_spread(),
+        };
         self.tree
-            .enqueue((to, place), self.weights, (cost, rest), best);
+            .enqueue((to, place), self.weights, (cost, rest, is_late), best);
     }
 
     /// Takes note of a path through a state.

@@ -8,6 +8,8 @@
 //! for an order of expansions. So a state that is reached for the first time gets g + w h with w ≤ ε,
 //! and one that was expanded before, at a greater cost, the greatest key that is allowed. It is then
 //! nearly never expanded again, which weighted search with an inconsistent h would do hundreds of times.
+//! And a state may be dropped once its greatest key is not less than C, whatever its key is: it might as
+//! well have had that one.
 
 use swath_bridge::GridSpec;
 
@@ -171,22 +173,28 @@ impl Tree {
         self.parents[place.0 as usize] = parent;
     }
 
-    /// Puts a state that was improved on the open list, unless its key says that it does not lead to
-    /// anything below `best`. From it at least `rest` is to come.
+    /// Puts a state that was improved on the open list, unless its greatest key is not below `best`.
+    /// From it at least `rest` is to come. One that is late gets its greatest key, and so do all
+    /// once a path is known: what is left to find out is whether there is a better one.
     #[inline]
     pub(super) fn enqueue(
         &mut self,
         (state, place): (State, Place),
         weights: Weights,
-        (cost, rest): (u32, u32),
+        (cost, rest, is_late): (u32, u32, bool),
         best: Option<u32>,
     ) {
         let stage = self.stage(place);
-        let key = weights.key(cost, rest, stage);
+        let greatest = weights.ceiling(u64::from(cost) + u64::from(rest));
+        let key = if is_late || best.is_some() {
+            greatest
+        } else {
+            weights.key(cost, rest, stage)
+        };
         if stage == Stage::Expanded {
             self.set_stage(place, Stage::Improved);
         }
-        if best.is_none_or(|best| key < best) {
+        if best.is_none_or(|best| greatest < best) {
             self.push(state, key);
         }
     }

@@ -157,7 +157,7 @@ impl Search<'_> {
         }
         let best = self.best.map(|(best, _)| best);
         self.tree
-            .enqueue((to, place), self.weights, (cost, rest), best);
+            .enqueue((to, place), self.weights, (cost, rest, false), best);
     }
 }
 

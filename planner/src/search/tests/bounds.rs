@@ -10,29 +10,42 @@ const EFFORTS: [Effort; 4] = [
         far: 1,
         first: 1,
         few: 0,
+        before_asking: 2,
     },
     Effort {
         near: 20,
         far: 0,
         first: 1_000_000,
         few: 0,
+        before_asking: 2,
     },
     Effort {
         near: 20,
         far: 300,
         first: 2,
         few: 30,
+        before_asking: 2,
     },
     Effort {
         near: 1_000_000,
         far: 1,
         first: 1,
         few: 0,
+        before_asking: 2,
     },
 ];
 
 fn swath(
     map: &CollisionMap,
+    goals: &[Pose2],
+    rules: (f64, Effort),
+    limits: Limits<'_>,
+) -> Vec<TargetResult> {
+    swath_in((map, None), goals, rules, limits)
+}
+
+fn swath_in(
+    (map, regions): (&CollisionMap, Option<Regions<'_>>),
     goals: &[Pose2],
     (epsilon, effort): (f64, Effort),
     limits: Limits<'_>,
@@ -44,6 +57,7 @@ fn swath(
         successors: &successors,
         goals,
         order: &order,
+        regions,
     };
     let rules = Rules { epsilon, limits };
     let results = FrameMemory::with_effort(effort)
@@ -113,6 +127,61 @@ proptest! {
                     prop_assert!(found.bound <= epsilon + 1e-4);
                     check_path(&oracle, goal, &found);
                 }
+            }
+        }
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(150))]
+
+    /// Whatever is said of where paths are expected: random cells, all, none, all but what the optimal
+    /// path passes, or a plane of another size.
+    #[test]
+    fn no_region_costs_the_bound_or_a_target(
+        (occupied, goal) in scene(),
+        other in (0.4..3.4f64, -1.5..1.5f64, -3.0..3.0f64),
+        epsilon in prop_oneof![Just(1.0), Just(1.2), 1.0..4.0f64],
+        effort in 0usize..4,
+        (kind, seed) in (0u8..5, any::<u64>()),
+    ) {
+        let spec = small_spec();
+        let map = map_with(spec, &small_vehicle(), &occupied);
+        let successors = map.model().successors(1.4);
+        let goals = [goal, Pose2::new(other.0, other.1, other.2)];
+        let mut memory = SearchMemory::new();
+        let best = goals.map(|goal| {
+            search(&map, &successors, (&goal, None), Limits::default(), &mut memory).unwrap()
+        });
+        let region_of = |number: usize| {
+            let mut region = Plane::empty(spec.rows + u32::from(kind == 4), spec.cols);
+            let passes = |cell: usize| {
+                let cell = spec.cell_of_index(cell);
+                best[number].path.iter().any(|pose| spec.cell_at(pose.x_m, pose.y_m) == cell)
+            };
+            for cell in 0..spec.len() {
+                let random = seed.rotate_left(u32::try_from(cell * 7 % 64).unwrap()) & 1 == 1;
+                if [random, true, false, kind == 3 && !passes(cell), random][usize::from(kind)] {
+                    region.set_index(cell);
+                }
+            }
+            Some(region)
+        };
+        let asked = AtomicU64::new(0);
+        let regions = |left: &[usize]| {
+            asked.fetch_add(1, Ordering::Relaxed);
+            left.iter().map(|&number| region_of(number)).collect()
+        };
+        let rules = (epsilon, EFFORTS[effort]);
+        let found = swath_in((&map, Some(&regions)), &goals, rules, Limits::default());
+        prop_assert!(asked.load(Ordering::Relaxed) <= 1);
+        let oracle = Oracle::new(spec, small_vehicle(), occupied, 1.4);
+        for ((goal, best), found) in goals.iter().zip(&best).zip(&found) {
+            prop_assert_eq!(found.outcome, best.outcome);
+            if found.outcome == Outcome::Solved {
+                prop_assert!(found.cost <= epsilon * best.cost + 1e-4);
+                prop_assert!(found.cost >= best.cost - 1e-4);
+                check_path(&oracle, goal, found);
             }
         }
     }
@@ -212,6 +281,7 @@ fn bounds_and_orders_that_make_no_sense_are_refused() {
             successors: &successors,
             goals: &goals,
             order: &order,
+            regions: None,
         };
         let rules = Rules {
             epsilon,
