@@ -206,6 +206,19 @@ fn the_network_that_comes_with_swath_plans_where_it_fits() {
     let config = write(&folder, "swath.toml", "[vehicle]\nwheelbase_m = 2.4\n");
     let without = plan(&["--config", &config.display().to_string()]);
     assert_eq!(without["method"], "tiev");
+    for method in [
+        "weighted",
+        "hybrid",
+        "hybrid-fcn",
+        "rrt-star",
+        "rrt-star-fcn",
+    ] {
+        let planned = plan(&["--method", method]);
+        assert_eq!(planned["method"], method);
+        assert_eq!(planned["targets"][0]["status"], "solved", "{method}");
+        let has_region = planned["network_ms"].as_f64().unwrap() > 0.0;
+        assert_eq!(has_region, method.ends_with("-fcn"));
+    }
 }
 
 #[test]

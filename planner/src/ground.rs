@@ -42,9 +42,15 @@ impl Ground {
         ground
     }
 
-    /// Measures how far it is from everywhere to a goal, around obstacles.
-    pub(crate) fn measure_to(&self, map: &CollisionMap, goal: &Goal, distances: &mut Distances) {
-        distances.measure_to((map, &self.passable), goal.cells(), &|| false);
+    /// Measures how far it is from everywhere to a goal, around obstacles. False if `stop` ended it.
+    pub(crate) fn measure_to(
+        &self,
+        map: &CollisionMap,
+        goal: &Goal,
+        distances: &mut Distances,
+        stop: &dyn Fn() -> bool,
+    ) -> bool {
+        distances.measure_to((map, &self.passable), goal.cells(), stop)
     }
 
     /// Whether the rectangle at a pose touches nothing and its reference point is on the map.
@@ -125,7 +131,9 @@ fn open_cells(map: &CollisionMap) -> Vec<bool> {
         |row: usize, col: usize| blocked[row * row_words + col / WORD] >> (col % WORD) & 1 != 0;
     let mut open = vec![false; rows * cols];
     let mut front: Vec<usize> = spec.index_of(spec.ego()).into_iter().collect();
-    front.iter().for_each(|&cell| open[cell] = true);
+    for &cell in &front {
+        open[cell] = true;
+    }
     while let Some(cell) = front.pop() {
         let (row, col) = (cell / cols, cell % cols);
         for row in row.saturating_sub(1)..=(row + 1).min(rows - 1) {

@@ -29,7 +29,7 @@ pub use action::{ACTIONS, AHEAD, Action, ActionTable, DIRECTIONS, REACH_CELLS};
 pub use collision::CollisionMap;
 pub use error::Error;
 pub use frame::{FrameInput, FramePlan, FramePlanner, ObstacleConfig};
-pub use guidance::{Guidance, RegionSampler};
+pub use guidance::Guidance;
 pub use motion::{MotionModel, Successors, max_curvature_per_m};
 pub use path_point::PathPoint;
 pub use plan::{Method, PlanConfig, Planner, TargetOrder, TargetPlan};
