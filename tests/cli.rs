@@ -214,6 +214,19 @@ fn the_network_that_comes_with_swath_plans_where_it_fits() {
     assert!(with["network_ms"].as_f64().unwrap() > 0.0);
     assert_eq!(with["targets"][0]["status"], "solved");
     assert_eq!(plan(&[])["network_ms"], 0.0);
+    for method in [
+        "weighted",
+        "hybrid",
+        "hybrid-fcn",
+        "rrt-star",
+        "rrt-star-fcn",
+    ] {
+        let planned = plan(&["--method", method]);
+        assert_eq!(planned["method"], method);
+        assert_eq!(planned["targets"][0]["status"], "solved", "{method}");
+        let has_region = planned["network_ms"].as_f64().unwrap() > 0.0;
+        assert_eq!(has_region, method.ends_with("-fcn"));
+    }
 }
 
 #[test]

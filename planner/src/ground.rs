@@ -42,9 +42,15 @@ impl Ground {
         ground
     }
 
-    /// Measures how far it is from everywhere to a goal, around obstacles.
-    pub(crate) fn measure_to(&self, map: &CollisionMap, goal: &Goal, distances: &mut Distances) {
-        distances.measure_to((map, &self.passable), goal.cells(), &|| false);
+    /// Measures how far it is from everywhere to a goal, around obstacles. False if `stop` ended it.
+    pub(crate) fn measure_to(
+        &self,
+        map: &CollisionMap,
+        goal: &Goal,
+        distances: &mut Distances,
+        stop: &dyn Fn() -> bool,
+    ) -> bool {
+        distances.measure_to((map, &self.passable), goal.cells(), stop)
     }
 
     /// Whether the rectangle at a pose touches nothing and its reference point is on the map.

@@ -75,13 +75,13 @@ impl<'a> Guidance<'a> {
 
 /// Draws points from a region, each place in it being as likely; its memory is kept from plan to plan.
 #[derive(Debug, Default)]
-pub struct RegionSampler {
+pub(crate) struct RegionSampler {
     cells: Vec<usize>,
 }
 
 impl RegionSampler {
     /// Makes ready to draw from a region.
-    pub fn prepare(&mut self, guidance: Guidance<'_>) {
+    pub(crate) fn prepare(&mut self, guidance: Guidance<'_>) {
         self.cells.clear();
         if let Some((cells, _)) = guidance.region {
             cells.each_set(|index| self.cells.push(index));
@@ -89,7 +89,7 @@ impl RegionSampler {
     }
 
     /// A point (x, y) in metres, vehicle frame; none if there is no region or nothing in it.
-    pub fn draw(&self, spec: &GridSpec, random: &mut ChaCha8Rng) -> Option<(f64, f64)> {
+    pub(crate) fn draw(&self, spec: &GridSpec, random: &mut ChaCha8Rng) -> Option<(f64, f64)> {
         let index = below(self.cells.len(), random)?;
         let (x_m, y_m) = spec.centre_of(spec.cell_of_index(self.cells[index]));
         let mut aside = || spec.resolution_m * (unit(random) - 0.5);

@@ -4,7 +4,7 @@
 //! From a pose the vehicle goes on straight, or on an arc of its tightest or half its tightest curvature;
 //! of all drives that end in the same square and range of headings the cheapest one is followed. Every
 //! now and then, the more often the nearer the goal is, the rest of the way is tried as the cheapest drive
-//! in the open (Dubins); it competes with the others by its cost. The lower bound is the way around
+//! in the open (Dubins). If it is free it competes with the others, 5 % being taken off its cost. The lower bound is the way around
 //! obstacles to the goal and the turns that are still to come. A predicted region scales costs and bounds
 //! inside, as in `tiev-fcn`.
 //!
@@ -43,6 +43,8 @@ const LONGEST_M: f64 = 3.0;
 const BENDS: [f64; 5] = [0.0, 0.5, -0.5, 1.0, -1.0];
 /// The way in the open is tried once in so many expansions for each metre that is left to the goal.
 const EXPANSIONS_A_TRY_AND_METRE: f64 = 0.5;
+/// A way in the open is taken when it costs at most so many times the least total that is left.
+const OPEN_WAY_WORTH: f64 = 1.05;
 /// Most poses that a search keeps; a pose takes about 150 bytes.
 const MAX_NODES: usize = 1 << 20;
 /// Stands for no node.
@@ -106,7 +108,11 @@ pub(crate) fn hybrid(
     if !ground.is_free(&Pose2::default()) {
         return Ok(TargetResult::without_path(Outcome::StartOccupied, 0));
     }
-    ground.measure_to(map, &goal, &mut memory.distances);
+    let stop = || limits.asked().is_some();
+    if !ground.measure_to(map, &goal, &mut memory.distances, &stop) {
+        let outcome = limits.asked().unwrap_or(Outcome::BudgetExhausted);
+        return Ok(TargetResult::without_path(outcome, 0));
+    }
     memory.nodes.clear();
     memory.slots.clear();
     memory.open.clear();
@@ -251,7 +257,7 @@ impl Search<'_> {
         let Some(left) = self.cost_left(&node.pose) else {
             return;
         };
-        let number = self.push(node, left);
+        let number = self.push(node, node.cost + left);
         let slot = Slot {
             node: number,
             is_expanded: false,
@@ -265,9 +271,9 @@ impl Search<'_> {
         clippy::cast_sign_loss,
         reason = "costs are not negative and the number of nodes is limited"
     )]
-    fn push(&mut self, node: Node, left: f64) -> u32 {
+    fn push(&mut self, node: Node, total: f64) -> u32 {
         let number = self.memory.nodes.len() as u32;
-        let total = libm::round((node.cost + left) * COST_UNITS) as u64;
+        let total = libm::round(total * COST_UNITS) as u64;
         self.memory.nodes.push(node);
         self.memory.open.push((std::cmp::Reverse(total), number));
         number
@@ -288,7 +294,7 @@ impl Search<'_> {
     fn try_the_open(&mut self, index: u32, from: &Node) {
         let distance_m = self.goal.distance_left((from.pose.x_m, from.pose.y_m));
         let since = (self.steps - self.last_try) as f64;
-        if since < distance_m * EXPANSIONS_A_TRY_AND_METRE {
+        if self.steps > 1 && since < distance_m * EXPANSIONS_A_TRY_AND_METRE {
             return;
         }
         self.last_try = self.steps;
@@ -304,7 +310,7 @@ impl Search<'_> {
                 parent: index,
                 way: Way::Dubins(drive),
             };
-            self.push(node, 0.0);
+            self.push(node, node.cost / OPEN_WAY_WORTH);
         }
     }
 

@@ -32,7 +32,7 @@ pub use choice::{ChoiceConfig, choose};
 pub use collision::CollisionMap;
 pub use error::Error;
 pub use frame::{Consulted, FrameInput, FramePlan, FramePlanner, ObstacleConfig, Start};
-pub use guidance::{Guidance, RegionSampler};
+pub use guidance::Guidance;
 pub use motion::{MotionModel, Successors, max_curvature_per_m};
 pub use path_point::PathPoint;
 pub use plan::{Method, PlanConfig, Planner, TargetOrder, TargetPlan};

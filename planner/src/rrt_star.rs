@@ -2,7 +2,7 @@
 //!
 //! A random pose pulls the nearest pose of the tree towards it by a limited length. Of all poses near the
 //! new one, that becomes its parent from which it costs least, and those that it costs less to come to
-//! through the new one are hung below it. A predicted region is where a share of the poses is drawn; the
+//! through the new one are hung below it. From each new pose the goal is tried as in the open. A predicted region is where a share of the poses is drawn; the
 //! others come from the whole map, so that every pose is drawn sooner or later, whatever the region is.
 //!
 //! Half of the poses are drawn without a heading: they get the one with which an arc and a straight line
@@ -30,7 +30,7 @@ use crate::search::{GOAL_TOLERANCE_M, GOAL_TOLERANCE_RAD, Goal, Limits, TargetRe
 use crate::segment::{Segment, cost_of, driven};
 use crate::{Error, dubins};
 
-use tree::Tree;
+use tree::{ROOT, Tree};
 
 /// Iterations of a search that no other limit is given for.
 const DEFAULT_ITERATIONS: u64 = 4_000;
@@ -39,15 +39,18 @@ const MAX_ITERATIONS: u64 = 200_000;
 /// How often a search asks whether it should stop, in iterations.
 const STOP_INTERVAL: u64 = 16;
 /// Least iterations after the first path.
-const LEAST_IMPROVEMENT: u64 = 100;
+const LEAST_IMPROVEMENT: u64 = 250;
 /// Share of the poses that are drawn at the goal.
-const GOAL_SHARE: f64 = 0.1;
+const GOAL_SHARE: f64 = 0.05;
 /// Share of the others that are drawn from the region, if there is one.
 const REGION_SHARE: f64 = 0.7;
 /// Share of poses that get the heading with which they are reached.
 const ARRIVAL_SHARE: f64 = 0.5;
 /// Longest drive from a pose of the tree to a new one, metres.
 const LONGEST_M: f64 = 8.0;
+/// Least cost by which a way must be better, and by which two poses must differ, metres and radians. It is
+/// far above what sums lose by rounding, so that no pose comes to hang below itself.
+const LEAST_GAIN: f64 = 1e-6;
 /// Neighbours are so many times ln(n): e (1 + 1 / d) for d = 3 dimensions, rounded up.
 const NEIGHBOURS: f64 = 4.0;
 /// Least neighbours that are looked at.
@@ -132,11 +135,11 @@ type Draw = ((f64, f64), Option<f64>);
 impl Search<'_> {
     fn run(mut self, limits: Limits<'_>) -> TargetResult {
         let mut steps = 0;
-        let mut best: Option<u32> = None;
-        let mut improve_until = u64::MAX;
         if self.goal.accepts_pose(&Pose2::default()) {
             return driven(&Pose2::default(), &[], 0);
         }
+        let mut best = self.finish(ROOT, &Pose2::default(), f64::INFINITY);
+        let mut improve_until = best.map_or(u64::MAX, |_| LEAST_IMPROVEMENT);
         let outcome = loop {
             steps += 1;
             let most_cost = best.map_or(f64::INFINITY, |node| self.memory.tree.cost(node));
@@ -164,7 +167,7 @@ impl Search<'_> {
         }
     }
 
-    /// Draws a pose and grows the tree towards it: the new node, if there is one.
+    /// Draws a pose and grows the tree towards it: the new node, or the goal if it was reached from there.
     fn grow(&mut self, most_cost: f64) -> Option<u32> {
         let (point, yaw_rad) = self.draw();
         let goal = self.goal.distance_left(point);
@@ -178,7 +181,22 @@ impl Search<'_> {
         self.gather((pose.x_m, pose.y_m));
         let node = self.attach(pose, most_cost)?;
         self.rewire(node, &pose);
-        Some(node)
+        Some(self.finish(node, &pose, most_cost).unwrap_or(node))
+    }
+
+    /// Adds the goal below a new node, if the way in the open is free and better than the best one.
+    fn finish(&mut self, node: u32, pose: &Pose2, most_cost: f64) -> Option<u32> {
+        let RrtMemory { tree, near, .. } = &mut *self.memory;
+        if self.goal.accepts_pose(pose) {
+            return None;
+        }
+        let goal = self.goal.pose();
+        let drive = dubins::cheapest(pose, &goal, self.radius_m)?;
+        if tree.cost(node) + cost_of(&drive) >= most_cost {
+            return None;
+        }
+        self.ground.drive_all(pose, &drive, near)?;
+        Some(tree.add(goal, node, drive))
     }
 
     fn draw(&mut self) -> Draw {
@@ -258,7 +276,7 @@ impl Search<'_> {
         }
     }
 
-    /// Adds a pose below the gathered node from which it costs least.
+    /// Adds a pose below the gathered node from which it costs least, unless it is there already.
     fn attach(&mut self, pose: Pose2, most_cost: f64) -> Option<u32> {
         let RrtMemory {
             tree,
@@ -272,6 +290,12 @@ impl Search<'_> {
             if let Some(drive) = dubins::cheapest(&tree.pose(number), &pose, self.radius_m) {
                 drives.push((tree.cost(number) + cost_of(&drive), number, drive));
             }
+        }
+        if drives
+            .iter()
+            .any(|(_, _, drive)| cost_of(drive) < LEAST_GAIN)
+        {
+            return None;
         }
         drives.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
         let left = self.goal.distance_left((pose.x_m, pose.y_m));
@@ -304,7 +328,8 @@ impl Search<'_> {
             let Some(drive) = dubins::cheapest(pose, &tree.pose(number), self.radius_m) else {
                 continue;
             };
-            if cost + cost_of(&drive) < known && self.ground.drive_all(pose, &drive, near).is_some()
+            if cost + cost_of(&drive) + LEAST_GAIN < known
+                && self.ground.drive_all(pose, &drive, near).is_some()
             {
                 tree.hang(number, node, drive);
             }

@@ -6,7 +6,7 @@ use std::sync::Arc;
 
 use swath_bridge::{GridSpec, Outcome, Pose2, Vehicle};
 use swath_planner::search::{Limits, SearchMemory, TargetResult, search};
-use swath_planner::{CollisionMap, MotionModel, Plane};
+use swath_planner::{CollisionMap, Guidance, MotionModel, Plane};
 
 /// Folds bytes into a digest (64-bit FNV-1a).
 fn fold(digest: u64, bytes: &[u8]) -> u64 {

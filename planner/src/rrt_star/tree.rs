@@ -4,6 +4,8 @@ use swath_bridge::Pose2;
 
 use crate::segment::{Segment, cost_of};
 
+/// Number of the root.
+pub(super) const ROOT: u32 = 0;
 /// Stands for no node.
 const NONE: u32 = u32::MAX;
 
@@ -19,7 +21,7 @@ struct Node {
     drive: [Segment; 3],
 }
 
-/// A tree of drives; the root is number 0.
+/// A tree of drives.
 #[derive(Debug, Default)]
 pub(super) struct Tree {
     nodes: Vec<Node>,

@@ -103,7 +103,8 @@ impl Goal {
         Pose2::new(self.x_m, self.y_m, self.yaw_rad)
     }
 
-    /// Least turn on the way from a pose to the goal, radians: see [`TurnBound`](super::bound).
+    /// Least turn on the way from a pose to the goal, radians, as `bound` has it for chords: a curve is
+    /// made of ever shorter ones.
     pub(crate) fn least_turn_rad(&self, pose: &Pose2) -> f64 {
         let direct_rad = self.turn_left_rad(pose.yaw_rad);
         let Some((bearing_rad, slack_rad)) = self.bearing((pose.x_m, pose.y_m)) else {

@@ -6,7 +6,7 @@ use swath_bridge::{Cell, GridSpec, Outcome};
 use super::*;
 use crate::check::{CheckLimits, Ends, Violation, check_path};
 use crate::search::{Limits as SearchLimits, SearchMemory, search};
-use crate::{CollisionMap, MotionModel, Plane};
+use crate::{CollisionMap, Guidance, MotionModel, Plane};
 
 const SPEED_M_PER_S: f64 = 1.4;
 
@@ -62,7 +62,14 @@ fn chords(plane: &Plane, goal: &Pose2, speed_m_per_s: f64) -> Option<Vec<Pose2>>
         stop: None,
     };
     let mut memory = SearchMemory::new();
-    let result = search(&map, &successors, (goal, None), limits, &mut memory).unwrap();
+    let result = search(
+        &map,
+        &successors,
+        (goal, Guidance::NONE),
+        limits,
+        &mut memory,
+    )
+    .unwrap();
     (result.outcome == Outcome::Solved).then_some(result.path)
 }
 

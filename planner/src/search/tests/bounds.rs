@@ -151,7 +151,7 @@ proptest! {
         let goals = [goal, Pose2::new(other.0, other.1, other.2)];
         let mut memory = SearchMemory::new();
         let best = goals.map(|goal| {
-            search(&map, &successors, (&goal, None), Limits::default(), &mut memory).unwrap()
+            search(&map, &successors, (&goal, Guidance::NONE), Limits::default(), &mut memory).unwrap()
         });
         let region_of = |number: usize| {
             let mut region = Plane::empty(spec.rows + u32::from(kind == 4), spec.cols);
