@@ -19,9 +19,15 @@ pub(crate) fn section(health: &Health, drawn: &[String]) -> Section {
     planners(&mut section, &health.planners, drawn);
     let known = swath_bridge::Outcome::ALL.map(swath_bridge::Outcome::name);
     section.heading("Outcomes");
+    if health.outcomes.is_empty() {
+        section.paragraph("No target was planned to.");
+    }
     counted(&mut section, &health.outcomes, ("targets", &known));
     section.heading("Paths");
     let known = ["at_speed", "slower", "too_tight", "chords"];
+    if health.drivabilities.is_empty() {
+        section.paragraph("No path was made drivable.");
+    }
     counted(&mut section, &health.drivabilities, ("paths", &known));
     section
 }
@@ -185,7 +191,6 @@ fn planners(section: &mut Section, planners: &[PlannerHealth], drawn: &[String])
 /// Counts by method, a column for each name: those that are known first, as far as there are any.
 fn counted(section: &mut Section, counts: &[OutcomeCount], (what, known): (&str, &[&str])) {
     if counts.is_empty() {
-        section.paragraph("There are none.");
         return;
     }
     let mut by_method: BTreeMap<&str, BTreeMap<&str, u64>> = BTreeMap::new();
