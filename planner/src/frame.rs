@@ -145,8 +145,8 @@ impl Found {
 }
 
 /// Share of a frame's time, and most of it, that is kept for making paths drivable.
-const SMOOTH_SHARE: f64 = 0.15;
-const MOST_SMOOTH: Duration = Duration::from_millis(15);
+const SMOOTH_SHARE: f64 = 0.1;
+const MOST_SMOOTH: Duration = Duration::from_millis(10);
 
 /// Plans frames of one vehicle.
 #[derive(Debug)]

@@ -19,7 +19,7 @@ pub const GOAL_TOLERANCE_RAD: f64 = 15.0 * PI / 180.0;
 const KEPT: f64 = 1e-3;
 
 /// The states that reach a goal.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub(crate) struct Goal {
     x_m: f64,
     y_m: f64,

@@ -55,6 +55,17 @@ impl Default for OpenList {
 }
 
 impl OpenList {
+    /// Becomes the same as another one; keeps its memory.
+    pub(super) fn copy(&mut self, other: &Self) {
+        self.sorted.clone_from(&other.sorted);
+        self.late.keys.clone_from(&other.late.keys);
+        self.front = other.front;
+        self.buckets.clone_from(&other.buckets);
+        self.chunks.clone_from(&other.chunks);
+        self.free_chunk = other.free_chunk;
+        self.end = other.end;
+    }
+
     /// Forgets all keys and keeps the memory.
     pub(super) fn clear(&mut self) {
         self.sorted.clear();

@@ -115,6 +115,8 @@ pub struct FrameMemory {
     aims: Aims,
     distances: Distances,
     trunk: Trunk,
+    /// Memory of a second one.
+    far_trunk: Trunk,
     /// By target, as far as they were asked for.
     regions: Vec<Option<Plane>>,
     /// One for each thread.
@@ -183,27 +185,34 @@ impl FrameMemory {
         work: &mut Work,
         each: u64,
     ) {
-        let goals = &work.goals;
-        let unsolved: Vec<&Goal> = work
-            .left
-            .iter()
-            .filter_map(|&at| goals[at].as_ref())
-            .collect();
         let stop = || rules.limits.asked().is_some();
-        let far = (self.effort.far, &stop as _);
-        self.trunk
-            .spread(frame.map, frame.successors, &unsolved, far);
+        let far = self.effort.far;
+        let unsolved: Vec<Goal> = work.unsolved().cloned().collect();
+        let mut each = each.max(FIRST_ROUND * self.effort.first);
+        if rules.limits.stop.is_some() {
+            // One thread makes the trunk go on, so the others search without that meanwhile.
+            let mut trunk = std::mem::take(&mut self.far_trunk);
+            trunk.copy(&self.trunk);
+            rayon::join(
+                || trunk.spread(frame.map, frame.successors, &unsolved, (far, &stop)),
+                || self.search_for((frame, rules), work, each),
+            );
+            self.far_trunk = std::mem::replace(&mut self.trunk, trunk);
+        } else {
+            let (map, successors) = (frame.map, frame.successors);
+            self.trunk.spread(map, successors, &unsolved, (far, &stop));
+        }
         if frame.regions.is_some() {
             // What the trunk decides needs no region.
             self.search_for((frame, rules), work, self.effort.before_asking);
             self.ask_regions((frame, rules), &work.left);
         }
         // Under a deadline nothing that takes long keeps the others from their turn.
-        let mut each = match rules.limits.stop {
-            Some(_) => each.max(FIRST_ROUND * self.effort.first),
-            None => u64::MAX,
-        };
+        if rules.limits.stop.is_none() {
+            each = u64::MAX;
+        }
         while !is_over(rules, work) {
+            work.put_unsolved_first();
             self.search_for((frame, rules), work, each);
             each = each.saturating_mul(NEXT_ROUND);
         }

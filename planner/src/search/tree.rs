@@ -95,6 +95,21 @@ impl Tree {
         Ok(())
     }
 
+    /// Becomes the same as another one; keeps its memory.
+    pub(super) fn copy(&mut self, other: &Self) {
+        let used = ..other.used_states;
+        self.generation = other.generation;
+        self.cells.clone_from(&other.cells);
+        self.costs.clear();
+        self.costs.extend_from_slice(&other.costs[used]);
+        self.parents.clear();
+        self.parents.extend_from_slice(&other.parents[used]);
+        self.stages.clear();
+        self.stages.extend_from_slice(&other.stages[used]);
+        self.used_states = other.used_states;
+        self.open.copy(&other.open);
+    }
+
     #[expect(
         clippy::cast_possible_truncation,
         reason = "grids have at most 2^24 cells of 2^3 blocks"

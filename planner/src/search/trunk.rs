@@ -70,18 +70,26 @@ impl Trunk {
         Ok(true)
     }
 
+    /// Becomes the same as another one that has not gone on yet; keeps its memory.
+    pub(super) fn copy(&mut self, near: &Self) {
+        self.tree.copy(&near.tree);
+        self.steps = near.steps;
+        self.radius = near.radius;
+        self.is_spread = false;
+    }
+
     /// Goes on farther off, until all goals are reached, there is nothing left, or so many more states
     /// were expanded.
     pub(super) fn spread(
         &mut self,
         map: &CollisionMap,
         successors: &Successors,
-        goals: &[&Goal],
+        goals: &[Goal],
         (most, stop): (u64, &dyn Fn() -> bool),
     ) {
         let squares = self.divide(map, goals);
         self.is_spread = true;
-        let mut unreached = goals.to_vec();
+        let mut unreached: Vec<&Goal> = goals.iter().collect();
         let mut expander = Expander::new(map, successors);
         let end = self.steps + most;
         while let Some((state, place, _)) = self.tree.pop() {
@@ -113,7 +121,7 @@ impl Trunk {
         clippy::cast_possible_truncation,
         reason = "grids have at most 2^24 cells"
     )]
-    fn divide(&mut self, map: &CollisionMap, goals: &[&Goal]) -> usize {
+    fn divide(&mut self, map: &CollisionMap, goals: &[Goal]) -> usize {
         let (rows, cols) = (map.spec().rows as usize, map.spec().cols as usize);
         let across = cols.div_ceil(SQUARE_CELLS);
         let squares = across * rows.div_ceil(SQUARE_CELLS);

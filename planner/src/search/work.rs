@@ -67,6 +67,20 @@ impl Work {
         }
     }
 
+    /// The goals that are left.
+    pub(super) fn unsolved(&self) -> impl Iterator<Item = &Goal> {
+        self.left
+            .iter()
+            .filter_map(|&number| self.goals[number].as_ref())
+    }
+
+    /// Puts those of which some path is known behind those of which none is.
+    pub(super) fn put_unsolved_first(&mut self) {
+        let results = &self.results;
+        self.left
+            .sort_by_key(|&number| results[number].0.outcome == Outcome::Solved);
+    }
+
     /// Takes note of how a search ended.
     pub(super) fn take(&mut self, number: usize, end: End, cpu: Duration) {
         let (result, all_cpu) = &mut self.results[number];
