@@ -25,6 +25,8 @@ const PAIRS: [(Method, Method); 3] = [
 ];
 /// Expansions, or iterations, for one target.
 const MAX_EXPANSIONS: u64 = 20_000;
+/// Expansions of `weighted` for one target; beyond, the target is left out.
+const MAX_EXPANSIONS_BEFORE: u64 = 100_000;
 /// Half the width of a region, metres.
 const ASIDE_M: f64 = 1.4;
 
@@ -79,7 +81,7 @@ fn plan(
     let config = PlanConfig {
         method,
         max_expansions: if method == Method::Weighted {
-            0
+            MAX_EXPANSIONS_BEFORE
         } else {
             MAX_EXPANSIONS
         },
