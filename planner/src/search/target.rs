@@ -129,6 +129,7 @@ impl<'a> Search<'a> {
         if let Some((_, state)) = self.best.filter(|best| is_spread && best.0 <= far_enough) {
             return End::Result(self.trace(state));
         }
+        let mut dropped = 0u64;
         while let Some((state, place, key)) = self.tree.pop() {
             if self.best.is_some_and(|(cost, _)| key >= cost) {
                 break;
@@ -143,6 +144,12 @@ impl<'a> Search<'a> {
                     .ceiling(u64::from(cost) + u64::from(self.least(state)))
                     >= best
             {
+                dropped += 1;
+                if dropped.is_multiple_of(SHORT_STOP_INTERVAL)
+                    && let Some(outcome) = limits.asked()
+                {
+                    return End::Limit(outcome, self.steps);
+                }
                 continue;
             }
             self.tree.set_stage(place, Stage::Expanded);
