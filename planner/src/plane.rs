@@ -125,6 +125,7 @@ impl Plane {
     }
 
     /// The cells around which a square of `2 cells + 1` a side is set, as far as it is on the grid.
+    #[must_use]
     pub fn shrunk(&self, cells: u32) -> Self {
         let (rows, cols) = (self.rows as usize, self.cols as usize);
         let mut set = vec![false; rows * cols];

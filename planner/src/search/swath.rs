@@ -194,30 +194,31 @@ impl FrameMemory {
         if left.is_empty() || is_limit || rules.limits.asked().is_some() {
             return Ok(results);
         }
+        self.search_on(frame, rules, (&goals, left), (&mut spent, &mut results));
+        Ok(results)
+    }
+
+    /// Searches for the targets that short searches have left, with the trunk's help and perhaps with
+    /// regions.
+    fn search_on(
+        &mut self,
+        frame: &Frame<'_>,
+        rules: &Rules<'_>,
+        (goals, mut left): (&[Option<Goal>], Vec<usize>),
+        (spent, results): (&mut u64, &mut [(TargetResult, Duration)]),
+    ) {
         let unsolved: Vec<&Goal> = left.iter().filter_map(|&at| goals[at].as_ref()).collect();
         let stop = || rules.limits.asked().is_some();
-        let (map, successors) = (frame.map, frame.successors);
         let far = (self.effort.far, &stop as _);
-        self.trunk.spread(map, successors, &unsolved, far);
-        let mut left = left;
+        self.trunk
+            .spread(frame.map, frame.successors, &unsolved, far);
         if frame.regions.is_some() {
             // What the trunk decides needs no region.
             let most = self.effort.before_asking;
-            left = self.search_for(
-                frame,
-                rules,
-                (&goals, left),
-                ((&mut spent, most), &mut results),
-            );
+            left = self.search_for(frame, rules, (goals, left), ((spent, most), results));
             self.ask_regions(frame, (rules, &left));
         }
-        self.search_for(
-            frame,
-            rules,
-            (&goals, left),
-            ((&mut spent, u64::MAX), &mut results),
-        );
-        Ok(results)
+        self.search_for(frame, rules, (goals, left), ((spent, u64::MAX), results));
     }
 
     /// Asks where the paths to targets that are left are expected.
