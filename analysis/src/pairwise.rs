@@ -14,7 +14,7 @@ use crate::spread::{Spread, ratio};
 use crate::tables::Tables;
 
 /// The scene of a row over all scenes.
-pub(crate) const ALL_SCENES: &str = "all";
+const ALL_SCENES: &str = "all";
 /// Share of the targets, those that take the baseline most steps, that the second sums leave out.
 pub(crate) const COSTLIEST_PERCENT: usize = 1;
 const TABLE: &str = "pairwise";

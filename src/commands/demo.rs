@@ -3,6 +3,7 @@
 mod children;
 mod feed;
 
+use std::collections::BTreeMap;
 use std::path::Path;
 use std::time::Duration;
 
@@ -79,7 +80,14 @@ fn node_arguments(options: &DemoOptions, recording: &Path) -> Vec<(String, Vec<S
         nodes.push((id, arguments));
     }
     let train = options.out.join("train").display().to_string();
-    nodes.push(("planner".to_owned(), words(&["plan"])));
+    nodes.push((
+        "planner".to_owned(),
+        words(&["plan", "--vehicle", feed::VEHICLE]),
+    ));
+    nodes.push((
+        "planner-fcn".to_owned(),
+        words(&["plan", "--vehicle", feed::GUIDED, "--method", "tiev-fcn"]),
+    ));
     nodes.push((
         "trainer".to_owned(),
         words(&[
@@ -114,18 +122,22 @@ async fn watch(
     let feeding = tokio::spawn(feed::run(session.clone(), feed));
     let end = Instant::now() + length;
     let mut shown = tokio::time::interval(STATUS_PERIOD);
-    let (mut plan, mut status): (Option<PlanReport>, Option<TrainStatus>) = (None, None);
+    let mut newest: BTreeMap<String, PlanReport> = BTreeMap::new();
+    let mut status: Option<TrainStatus> = None;
     loop {
         tokio::select! {
             () = sleep_until(end) => break,
             () = stop_signal() => break,
-            Some(received) = plans.recv() => plan = Some(received.message),
+            Some(received) = plans.recv() => {
+                let plan = received.message;
+                newest.insert(plan.vehicle.clone(), plan);
+            }
             Some(received) = statuses.recv() => status = Some(received.message),
             _ = shown.tick() => {
                 for child in children.iter_mut() {
                     child.check()?;
                 }
-                say(end, plan.as_ref(), status.as_ref())?;
+                say(end, &newest, status.as_ref())?;
             }
         }
     }
@@ -135,7 +147,7 @@ async fn watch(
 
 fn say(
     end: Instant,
-    plan: Option<&PlanReport>,
+    newest: &BTreeMap<String, PlanReport>,
     status: Option<&TrainStatus>,
 ) -> anyhow::Result<()> {
     let left = end.saturating_duration_since(Instant::now()).as_secs();
@@ -148,10 +160,13 @@ fn say(
             )
         },
     );
-    let planning = plan.map_or_else(
-        || "planner starts".to_owned(),
-        |plan| format!("frame {}: {}", plan.frame, describe(plan)),
-    );
+    let plans = newest.values();
+    let plans = plans.map(|plan| format!("frame {}: {}", plan.frame, describe(plan)));
+    let planning = if newest.is_empty() {
+        "planners start".to_owned()
+    } else {
+        plans.collect::<Vec<_>>().join(" | ")
+    };
     output::line(format_args!("[{left:>4} s left] {training} | {planning}"))
 }
 

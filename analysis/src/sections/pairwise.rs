@@ -5,7 +5,7 @@ use std::collections::BTreeSet;
 use super::Section;
 use crate::format::{count, optional, times};
 use crate::grid::{Grid, escape_markdown};
-use crate::pairwise::{ALL_SCENES, COSTLIEST_PERCENT, Pairwise};
+use crate::pairwise::{COSTLIEST_PERCENT, Pairwise};
 use crate::paper;
 
 /// Most numbers of targets that are shown; live planners give every number there is.
@@ -70,12 +70,7 @@ fn compare(section: &mut Section, method: &str, rows: &[&Pairwise]) {
         "processor",
     ]);
     for row in rows {
-        let name = if row.scene == ALL_SCENES {
-            format!("**{ALL_SCENES}**")
-        } else {
-            escape_markdown(&row.scene)
-        };
-        grid.row(cells(name, row));
+        grid.row(cells(escape_markdown(&row.scene), row));
     }
     if (first.baseline.as_str(), method) == (paper::TIEV, paper::TIEV_FCN) {
         let one = paper::target_count(1).map(paper::TargetCountRow::ratio);

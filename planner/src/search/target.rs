@@ -138,15 +138,13 @@ impl<'a> Search<'a> {
         if let Some((_, state)) = self.best.filter(|best| is_spread && best.0 <= far_enough) {
             return End::decided(self.trace(state, least));
         }
+        let mut dropped = 0u64;
         while let Some((state, place, key)) = self.tree.pop() {
             if self.best.is_some_and(|(cost, _)| key >= cost) {
                 break;
             }
             if let Some(outcome) = limits.reached(self.steps, SHORT_STOP_INTERVAL) {
-                return End {
-                    result: self.so_far((outcome, least.max(self.weights.floor(key)))),
-                    is_decided: false,
-                };
+                return self.stopped(outcome, least.max(self.weights.floor(key)));
             }
             let cost = self.tree.cost(place);
             if let Some((best, _)) = self.best
@@ -155,6 +153,12 @@ impl<'a> Search<'a> {
                     .ceiling(u64::from(cost) + u64::from(self.least(state)))
                     >= best
             {
+                dropped += 1;
+                if dropped.is_multiple_of(SHORT_STOP_INTERVAL)
+                    && let Some(outcome) = limits.asked()
+                {
+                    return self.stopped(outcome, least.max(self.weights.floor(key)));
+                }
                 continue;
             }
             self.tree.set_stage(place, Stage::Expanded);
@@ -163,6 +167,13 @@ impl<'a> Search<'a> {
         }
         let least = self.best.map_or(0, |(cost, _)| self.weights.floor(cost));
         End::decided(self.so_far((Outcome::Unreachable, least)))
+    }
+
+    fn stopped(&self, outcome: Outcome, least: u32) -> End {
+        End {
+            result: self.so_far((outcome, least)),
+            is_decided: false,
+        }
     }
 
     /// The best path so far where every path costs at least so much, or else an outcome.

@@ -132,7 +132,7 @@ impl Trunk {
             let (row, col) = (cell / cols / SQUARE_CELLS, cell % cols / SQUARE_CELLS);
             (row * across + col) as u32
         }));
-        for &cell in goals.iter().flat_map(|goal| goal.cells()) {
+        for &cell in goals.iter().flat_map(Goal::cells) {
             self.squares[cell] = squares as u32;
         }
         squares

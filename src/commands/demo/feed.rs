@@ -5,8 +5,9 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use swath_bridge::msg::header::Header;
+use swath_bridge::msg::nav::{OccupancyGrid, Odometry, Path};
 use swath_bridge::poses::{odometry_message, path_message};
-use swath_bridge::{Frame, Session, clock, ingest, keys};
+use swath_bridge::{Frame, Publisher, Session, clock, ingest, keys};
 use swath_generator::{Drive, Generator, Scenes};
 use tokio::time::MissedTickBehavior;
 
@@ -17,7 +18,11 @@ const PERIOD: Duration = Duration::from_millis(100);
 /// Seed of the simulated drive.
 const SEED: u64 = 2026;
 /// Name of the vehicle in the keys.
-const VEHICLE: &str = "v0";
+pub(super) const VEHICLE: &str = "v0";
+/// The same vehicle for the paper's planner, which plans in the regions of the newest weights.
+pub(super) const GUIDED: &str = "v0-fcn";
+/// Of so many frames it gets one: it takes longer.
+const GUIDED_EVERY: u64 = 5;
 
 /// Where frames come from.
 #[derive(Debug)]
@@ -67,14 +72,40 @@ impl Feed {
     }
 }
 
+/// What a vehicle publishes.
+struct Vehicle {
+    grids: Publisher<OccupancyGrid>,
+    odometry: Publisher<Odometry>,
+    references: Publisher<Path>,
+}
+
+impl Vehicle {
+    async fn new(session: &Session, name: &str) -> anyhow::Result<Self> {
+        Ok(Self {
+            grids: session.publisher(&keys::grid(name)).await?,
+            odometry: session.publisher(&keys::odom(name)).await?,
+            references: session.publisher(&keys::reference(name)).await?,
+        })
+    }
+
+    async fn publish(&self, frame: &Frame) -> anyhow::Result<()> {
+        let header = Header::at(clock::now_nanos(), "base_link");
+        let reference = path_message(&header, &frame.reference);
+        self.references.put(&reference).await?;
+        self.odometry.put(&odometry_message(&header, frame)).await?;
+        self.grids.put(&frame.occupancy.to_message(header)).await?;
+        Ok(())
+    }
+}
+
 /// Publishes ten frames a second until it is dropped.
 pub(super) async fn run(session: Session, feed: Feed) -> anyhow::Result<()> {
-    let grids = session.publisher(&keys::grid(VEHICLE)).await?;
-    let odometry = session.publisher(&keys::odom(VEHICLE)).await?;
-    let references = session.publisher(&keys::reference(VEHICLE)).await?;
+    let vehicle = Vehicle::new(&session, VEHICLE).await?;
+    let guided = Vehicle::new(&session, GUIDED).await?;
     let mut ticks = tokio::time::interval(PERIOD);
     ticks.set_missed_tick_behavior(MissedTickBehavior::Delay);
     let mut frames = feed.frames();
+    let mut number = 0u64;
     loop {
         // Simulating or reading a frame takes milliseconds, which other tasks are not to wait for.
         let made = tokio::task::spawn_blocking(move || {
@@ -87,11 +118,10 @@ pub(super) async fn run(session: Session, feed: Feed) -> anyhow::Result<()> {
             return Ok(());
         };
         ticks.tick().await;
-        let header = Header::at(clock::now_nanos(), "base_link");
-        references
-            .put(&path_message(&header, &frame.reference))
-            .await?;
-        odometry.put(&odometry_message(&header, &frame)).await?;
-        grids.put(&frame.occupancy.to_message(header)).await?;
+        vehicle.publish(&frame).await?;
+        if number.is_multiple_of(GUIDED_EVERY) {
+            guided.publish(&frame).await?;
+        }
+        number += 1;
     }
 }
