@@ -144,9 +144,9 @@ impl Found {
     }
 }
 
-/// Share of a frame's time, and most of it, that is kept for making paths drivable.
-const SMOOTH_SHARE: f64 = 0.1;
-const MOST_SMOOTH: Duration = Duration::from_millis(10);
+/// Share of a frame's time that is kept at most for making paths drivable, and time for each path.
+const SMOOTH_SHARE: f64 = 0.2;
+const SMOOTH_A_PATH: Duration = Duration::from_micros(400);
 
 /// Plans frames of one vehicle.
 #[derive(Debug)]
@@ -190,7 +190,7 @@ impl FramePlanner {
         let seen = Seen {
             map: &map,
             view: &view,
-            deadline: deadline.map(|deadline| search_deadline(deadline, config)),
+            deadline: deadline.map(|deadline| search_deadline(deadline, input, config)),
         };
         let mut found = match network {
             Some(network) if config.method == Method::Swath => {
@@ -273,12 +273,14 @@ impl FramePlanner {
 }
 
 /// When the searches of a frame end.
-fn search_deadline(deadline: Instant, config: &PlanConfig) -> Instant {
+fn search_deadline(deadline: Instant, input: &FrameInput<'_>, config: &PlanConfig) -> Instant {
     if !config.smooth {
         return deadline;
     }
     let all = Duration::from_millis(config.frame_deadline_ms);
-    let kept = all.mul_f64(SMOOTH_SHARE).min(MOST_SMOOTH);
+    let paths = input.goals.len().div_ceil(rayon::current_num_threads());
+    let each = SMOOTH_A_PATH * u32::try_from(paths).unwrap_or(u32::MAX);
+    let kept = all.mul_f64(SMOOTH_SHARE).min(each);
     deadline.checked_sub(kept).unwrap_or(deadline)
 }
 

@@ -13,10 +13,11 @@ use crate::action::ACTIONS;
 use crate::collision::{CollisionMap, WORD};
 use crate::motion::{Fan, Successors};
 
-/// Side of a square of which one state a range of headings is kept, cells.
-const SQUARE_CELLS: usize = 3;
-/// Directions of a range of headings: there is a bit for each range in a word of 32.
-const RANGE_BITS: u32 = 3;
+/// Cells a side of a square, and bits of a direction that are left out of account, of which one state is
+/// kept: at first, and for as many states again when time is short. There is a bit for each range of
+/// directions in a word of 32.
+const FINE: (usize, u32) = (3, 3);
+const COARSE: (usize, u32) = (5, 3);
 /// How often it is asked whether to stop, in expansions.
 const STOP_INTERVAL: u64 = 64;
 
@@ -29,10 +30,8 @@ pub(super) struct Trunk {
     radius: u32,
     /// Whether there are states farther off.
     is_spread: bool,
-    /// By square: the ranges of headings of which a state was expanded.
-    kept: Vec<u32>,
-    /// By cell; the last number, of which all states are kept, is that of cells that reach a goal.
-    squares: Vec<u32>,
+    fine: Sieve,
+    coarse: Sieve,
 }
 
 impl Trunk {
@@ -45,7 +44,6 @@ impl Trunk {
         (most, stop): (u64, &dyn Fn() -> bool),
     ) -> Result<bool, Error> {
         self.tree.prepare(map.spec())?;
-        self.kept.clear();
         self.is_spread = false;
         self.steps = 0;
         self.radius = u32::MAX;
@@ -79,7 +77,7 @@ impl Trunk {
     }
 
     /// Goes on farther off, until all goals are reached, there is nothing left, or so many more states
-    /// were expanded.
+    /// were expanded, and as many again that lie farther apart.
     pub(super) fn spread(
         &mut self,
         map: &CollisionMap,
@@ -87,55 +85,32 @@ impl Trunk {
         goals: &[Goal],
         (most, stop): (u64, &dyn Fn() -> bool),
     ) {
-        let squares = self.divide(map, goals);
+        self.fine.divide(map, goals, FINE);
+        self.coarse.divide(map, goals, COARSE);
         self.is_spread = true;
         let mut unreached: Vec<&Goal> = goals.iter().collect();
         let mut expander = Expander::new(map, successors);
-        let end = self.steps + most;
+        let (end_of_fine, end) = (self.steps + most / 2, self.steps + most * 4 / 3);
         while let Some((state, place, _)) = self.tree.pop() {
-            let square = self.squares[state.cell()] as usize;
             self.tree.set_stage(place, Stage::Kept);
-            if square == squares {
+            let is_new = [self.fine.take(state), self.coarse.take(state)];
+            if self.fine.reaches_goal(state) {
                 unreached.retain(|goal| !goal.accepts(state));
-            } else if self.kept[square] & range_of(state.direction()) != 0 {
+            }
+            let is_fine = self.steps < end_of_fine;
+            if !is_new[usize::from(!is_fine)] {
                 continue;
-            } else {
-                self.kept[square] |= range_of(state.direction());
             }
             if unreached.is_empty() || self.steps == end {
                 break;
             }
             self.steps += 1;
-            let (kept, squares) = (&self.kept, &self.squares);
-            expander.expand(&mut self.tree, state, |to| {
-                kept[squares[to.cell()] as usize] & range_of(to.direction()) == 0
-            });
+            let sieve = if is_fine { &self.fine } else { &self.coarse };
+            expander.expand(&mut self.tree, state, |to| !sieve.has(to));
             if self.steps.is_multiple_of(STOP_INTERVAL) && stop() {
                 break;
             }
         }
-    }
-
-    /// Numbers the squares and returns how many there are.
-    #[expect(
-        clippy::cast_possible_truncation,
-        reason = "grids have at most 2^24 cells"
-    )]
-    fn divide(&mut self, map: &CollisionMap, goals: &[Goal]) -> usize {
-        let (rows, cols) = (map.spec().rows as usize, map.spec().cols as usize);
-        let across = cols.div_ceil(SQUARE_CELLS);
-        let squares = across * rows.div_ceil(SQUARE_CELLS);
-        self.kept.clear();
-        self.kept.resize(squares + 1, 0);
-        self.squares.clear();
-        self.squares.extend((0..rows * cols).map(|cell| {
-            let (row, col) = (cell / cols / SQUARE_CELLS, cell % cols / SQUARE_CELLS);
-            (row * across + col) as u32
-        }));
-        for &cell in goals.iter().flat_map(Goal::cells) {
-            self.squares[cell] = squares as u32;
-        }
-        squares
     }
 
     /// Expansions so far.
@@ -178,8 +153,65 @@ impl Trunk {
     }
 }
 
-const fn range_of(direction: u8) -> u32 {
-    1 << (direction >> RANGE_BITS)
+/// Leaves one state of each square of cells and range of headings, and all in cells that reach a goal.
+#[derive(Debug, Default)]
+struct Sieve {
+    /// By square: the ranges of which a state was taken.
+    taken: Vec<u32>,
+    /// By cell; the last number is that of cells that reach a goal.
+    squares: Vec<u32>,
+    range_bits: u32,
+}
+
+impl Sieve {
+    /// Begins with squares of so many cells a side and ranges of 2 to the power of so many directions.
+    #[expect(
+        clippy::cast_possible_truncation,
+        reason = "grids have at most 2^24 cells"
+    )]
+    fn divide(&mut self, map: &CollisionMap, goals: &[Goal], (side, range_bits): (usize, u32)) {
+        self.range_bits = range_bits;
+        let (rows, cols) = (map.spec().rows as usize, map.spec().cols as usize);
+        let across = cols.div_ceil(side);
+        let squares = across * rows.div_ceil(side);
+        self.taken.clear();
+        self.taken.resize(squares + 1, 0);
+        self.squares.clear();
+        for row in 0..rows {
+            let first = row / side * across;
+            self.squares
+                .extend((0..cols).map(|col| (first + col / side) as u32));
+        }
+        for &cell in goals.iter().flat_map(Goal::cells) {
+            self.squares[cell] = squares as u32;
+        }
+    }
+
+    fn reaches_goal(&self, state: State) -> bool {
+        self.squares[state.cell()] as usize == self.taken.len() - 1
+    }
+
+    /// Whether a state like this one was taken.
+    #[inline]
+    fn has(&self, state: State) -> bool {
+        self.taken[self.squares[state.cell()] as usize] & self.range_of(state) != 0
+    }
+
+    /// Takes a state, and says whether it is the first like it.
+    fn take(&mut self, state: State) -> bool {
+        if self.reaches_goal(state) {
+            return true;
+        }
+        let is_new = !self.has(state);
+        let range = self.range_of(state);
+        self.taken[self.squares[state.cell()] as usize] |= range;
+        is_new
+    }
+
+    #[inline]
+    fn range_of(&self, state: State) -> u32 {
+        1 << (state.direction() >> self.range_bits)
+    }
 }
 
 /// Expands states in order of cost alone.
