@@ -293,6 +293,7 @@ fn plans(out: &mut Out) -> Result<(), Box<dyn Error>> {
         weights_run: "main".to_owned(),
         weights_version: 3,
         weights_age_s: f32::NAN,
+        consulted: "all".to_owned(),
         network_ms: 12.5,
         search_ms: 7.25,
         cpu_ms: 30.0,

@@ -325,7 +325,7 @@ impl Node {
         };
         let mut plan = self.config.plan;
         let network = self.network.clone();
-        let network = network.filter(|_| plan.method.needs_regions());
+        let network = network.filter(|_| plan.uses_network());
         if network.is_none() && plan.method.needs_regions() {
             plan.method = plan.method.without_regions();
         }

@@ -44,6 +44,7 @@ pub fn plan_report(
         weights_run: String::new(),
         weights_version: 0,
         weights_age_s: f32::NAN,
+        consulted: plan.consulted.name().to_owned(),
         network_ms: millis(plan.network) as f32,
         search_ms: millis(plan.search) as f32,
         cpu_ms: millis(plan.cpu) as f32,

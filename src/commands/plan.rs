@@ -32,14 +32,14 @@ pub(crate) fn run(
 /// The network to plan with, if the method asks for one: that of a file, or the one that comes with
 /// swath.
 fn network_of(options: &PlanOptions, config: &Config) -> anyhow::Result<Option<Network>> {
-    let method = options.plan_config(config).method;
-    if method.needs_regions() {
+    let plan = options.plan_config(config);
+    if plan.uses_network() {
         return network::load(options.weights.as_deref()).map(Some);
     }
     anyhow::ensure!(
         options.weights.is_none(),
         "{} plans without a network: --weights is for --method {}",
-        method.name(),
+        plan.method.name(),
         Method::TievFcn.name()
     );
     Ok(None)

@@ -27,6 +27,8 @@ BEHIND_M, RIGHT_M = 20.1, 15.1
 # A wall across the way to the first target that leaves a gap on the left, and a block on the second.
 WALL = {"x": (18.0, 20.0), "y": (-15.0, 4.0)}
 BLOCK = {"x": (38.0, 42.0), "y": (-10.0, -6.0)}
+# The vehicle's turning circle has a radius of 5.5 m.
+TIGHTEST_PER_M = 1 / 5.5 + 1e-4
 GOALS = [(35.0, 0.0, 0.0), (40.0, -8.0, 0.0), (80.0, 0.0, 0.0)]
 EXPECTED = [SOLVED, GOAL_OCCUPIED, OUT_OF_BOUNDS]
 
@@ -125,13 +127,15 @@ def check_plan(plan, messages):
     """The plan answers the grid and the targets that were sent, in their order."""
     assert plan.header.stamp == messages.stamp, plan.header
     assert [target.status for target in plan.targets] == EXPECTED, plan.targets
-    # The network that comes with swath, which has no version in any run.
-    assert plan.method == "tiev-fcn" and plan.weights_version == 0, plan.method
-    assert plan.network_ms > 0.0, plan.network_ms
+    assert plan.method == "swath" and plan.chosen == 0, (plan.method, plan.chosen)
+    assert plan.consulted == "without" and plan.weights_version == 0, plan.consulted
     assert math.isnan(plan.weights_age_s), plan.weights_age_s
-    assert plan.search_ms > 0.0, plan
+    assert plan.search_ms > 0.0 and plan.deadline_ms == 100.0, plan
     solved = plan.targets[0]
     assert solved.steps > 0 and solved.cost >= solved.length_m > 35.0, solved
+    assert solved.drivability == solved.AT_SPEED and 1.0 <= solved.bound <= 1.2001, solved
+    assert len(solved.curvature_per_m) == len(solved.path)
+    assert max(abs(curvature) for curvature in solved.curvature_per_m) <= TIGHTEST_PER_M
     check_path([(pose.x_m, pose.y_m, pose.yaw_rad) for pose in solved.path])
     for target in plan.targets[1:]:
         assert len(target.path) == 0 and math.isnan(target.cost), target

@@ -60,6 +60,7 @@ pub(crate) fn plan(
         weights_run: String::new(),
         weights_version: 0,
         weights_age_s: f32::NAN,
+        consulted: "without".to_owned(),
         network_ms: if method == "tiev" { 0.0 } else { 2.0 },
         search_ms,
         cpu_ms: 2.0 * search_ms,

@@ -63,6 +63,8 @@ pub struct PlanReport {
     pub weights_version: u64,
     /// Since their header's stamp; NaN when no network was used.
     pub weights_age_s: f32,
+    /// What a network was asked for: without, all, not-needed, no-time or hard.
+    pub consulted: String,
     /// Elapsed.
     pub network_ms: f32,
     /// Elapsed.

@@ -26,6 +26,19 @@ pub enum Consulted {
     ForHard(usize),
 }
 
+impl Consulted {
+    /// The name in reports.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Without => "without",
+            Self::ForAll => "all",
+            Self::NotNeeded => "not-needed",
+            Self::NoTime => "no-time",
+            Self::ForHard(_) => "hard",
+        }
+    }
+}
+
 /// What came of asking.
 #[derive(Default)]
 struct Asked {
