@@ -171,7 +171,7 @@ impl FramePlanner {
 
     /// Plans to every goal by the method of the configuration; with a network, in its regions, and
     /// `tiev` is `tiev-fcn` then. Under a deadline, counted from the call, what is not done by then is
-    /// left undone: [`Outcome::BudgetExhausted`] for a search, `None` for a drivable path.
+    /// left undone: [`swath_bridge::Outcome::BudgetExhausted`] for a search, `None` for a drivable path.
     ///
     /// # Errors
     /// Those of [`CollisionMap::new`], [`Network::predict`], [`Planner::plan`] and [`Smoother::new`]:
