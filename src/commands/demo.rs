@@ -26,6 +26,9 @@ const QUEUE: usize = 32;
 /// Time between two lines that say how things stand.
 const STATUS_PERIOD: Duration = Duration::from_secs(5);
 
+/// Time for a frame of the paper's planner, which gets two grids a second.
+const GUIDED_DEADLINE_MS: &str = "400";
+
 /// Runs the command.
 pub(crate) fn run(
     options: &DemoOptions,
@@ -86,7 +89,15 @@ fn node_arguments(options: &DemoOptions, recording: &Path) -> Vec<(String, Vec<S
     ));
     nodes.push((
         "planner-fcn".to_owned(),
-        words(&["plan", "--vehicle", feed::GUIDED, "--method", "tiev-fcn"]),
+        words(&[
+            "plan",
+            "--vehicle",
+            feed::GUIDED,
+            "--method",
+            "tiev-fcn",
+            "--deadline-ms",
+            GUIDED_DEADLINE_MS,
+        ]),
     ));
     nodes.push((
         "trainer".to_owned(),

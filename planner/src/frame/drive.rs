@@ -46,11 +46,17 @@ pub(super) fn make_drivable(
                 None => slot.insert(Smoother::new(drive.vehicle, *drive.config)?),
             };
             let mut paths = Vec::new();
-            while let Some(&number) = order.get(next.fetch_add(1, Ordering::Relaxed)) {
-                if (drive.is_time_up)() {
+            loop {
+                let index = next.fetch_add(1, Ordering::Relaxed);
+                let Some(&number) = order.get(index) else {
+                    break;
+                };
+                // Some path is better than none, even if it is late by what it takes.
+                let stop = (index > 0).then_some(drive.is_time_up as _);
+                if stop.is_some() && (drive.is_time_up)() {
                     break;
                 }
-                let path = smooth(smoother, &cells, (input, &targets[number]), &drive);
+                let path = smooth(smoother, &cells, (input, &targets[number]), (&drive, stop));
                 paths.push((number, path));
             }
             Ok(paths)
@@ -68,7 +74,7 @@ fn smooth(
     smoother: &mut Smoother,
     cells: &ObstacleCells,
     (input, target): (&FrameInput<'_>, &TargetPlan),
-    drive: &Drive<'_>,
+    (drive, stop): (&Drive<'_>, Option<&(dyn Fn() -> bool + Sync)>),
 ) -> DrivablePath {
     smoother.smooth(
         cells,
@@ -77,7 +83,7 @@ fn smooth(
             goal: target.goal,
             speed_m_per_s: drive.speed_m_per_s,
             start_curvature_per_m: input.start.curvature_per_m,
-            stop: Some(drive.is_time_up),
+            stop,
         },
     )
 }
