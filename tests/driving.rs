@@ -19,10 +19,11 @@ use swath_bridge::msg::header::Header;
 use swath_bridge::msg::nav::{OccupancyGrid, Odometry, Path};
 use swath_bridge::msg::swath::PlanReport;
 use swath_bridge::poses::{odometry_message, path_message};
-use swath_bridge::{Frame, GridSpec, Pose2, Publisher, Session, Subscriber, Vehicle, keys};
+use swath_bridge::{Frame, GridSpec, Publisher, Session, Subscriber, Vehicle, keys};
 use swath_generator::{Drive, Generator, GeneratorConfig, Scenes};
 use swath_planner::check::{CheckLimits, Ends, check_path};
-use swath_planner::{ObstacleConfig, PathPoint, Plane, max_curvature_per_m};
+use swath_planner::report::{path_points, pose_of_planar};
+use swath_planner::{ObstacleConfig, Plane, curvature_limit_per_m};
 use tokio::time::{Instant, MissedTickBehavior, interval, timeout};
 
 mod nodes;
@@ -99,27 +100,15 @@ impl Car {
         ) else {
             return;
         };
-        let mut points: Vec<PathPoint> = Vec::new();
-        for (at, &curvature) in target.path.iter().zip(&target.curvature_per_m) {
-            let pose = Pose2::new(at.x_m.into(), at.y_m.into(), at.yaw_rad.into());
-            let step_m = points
-                .last()
-                .map_or(0.0, |last| last.pose.distance_m(&pose));
-            points.push(PathPoint {
-                pose,
-                curvature_per_m: curvature.into(),
-                at_m: points.last().map_or(0.0, |last| last.at_m) + step_m,
-            });
-        }
-        let goal = &target.goal;
+        let points = path_points(target);
         let ends = Ends {
             start: points[0].pose,
             start_curvature_per_m: None,
-            goal: Pose2::new(goal.x_m.into(), goal.y_m.into(), goal.yaw_rad.into()),
+            goal: pose_of_planar(&target.goal),
         };
         let vehicle = Vehicle::default();
-        let at_speed = max_curvature_per_m(report.speed_m_per_s.into());
-        let limits = CheckLimits::new(&vehicle, at_speed.min(1.0 / vehicle.min_turning_radius_m));
+        let limit_per_m = curvature_limit_per_m(&vehicle, report.speed_m_per_s.into());
+        let limits = CheckLimits::new(&vehicle, limit_per_m);
         let found = check_path((&GridSpec::default(), obstacles), &limits, &ends, &points);
         assert!(found.is_empty(), "frame {}: {found:?}", report.frame);
     }

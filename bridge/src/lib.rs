@@ -5,6 +5,7 @@
 mod atomic_file;
 pub mod cdr;
 pub mod clock;
+mod drivability;
 mod error;
 mod frame;
 pub mod geometry;
@@ -27,6 +28,7 @@ mod subscriber;
 mod vehicle;
 mod weights_store;
 
+pub use drivability::Drivability;
 pub use error::Error;
 pub use frame::Frame;
 pub use geometry::{Cell, GridSpec, Pose2};

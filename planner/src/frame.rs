@@ -16,8 +16,10 @@ use serde::{Deserialize, Serialize};
 use swath_bridge::{GridSpec, Occupancy, Pose2};
 
 use crate::collision::CollisionMap;
+use crate::method::Method;
 use crate::network::{Network, Prediction, Reach, Surroundings};
-use crate::plan::{Method, PlanConfig, Planner, Pool, TargetPlan, deadline_in, order_of, stop_at};
+use crate::plan::{PlanConfig, Planner, TargetPlan, deadline_in, order_of, stop_at};
+use crate::pool::Pool;
 use crate::smooth::Smoother;
 use crate::timing::CpuTimer;
 use crate::{Error, MotionModel, Plane};

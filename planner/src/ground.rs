@@ -1,7 +1,7 @@
 //! Where a vehicle that drives arcs may go on one map: contact without gaps, and what it certainly cannot
 //! reach.
 
-use swath_bridge::{Pose2, Vehicle};
+use swath_bridge::{Outcome, Pose2, Vehicle};
 
 use crate::collision::{CollisionMap, WORD};
 use crate::kernel::Kernel;
@@ -103,12 +103,24 @@ impl Ground {
         segments.iter().try_fold(*from, drive)
     }
 
+    /// A goal on this ground, unless it is known without a search what becomes of it.
+    pub(crate) fn goal(&self, map: &CollisionMap, pose: &Pose2) -> Result<Goal, Outcome> {
+        let goal = Goal::new(map, pose)?;
+        if self.is_walled_off(&goal) {
+            return Err(Outcome::Unreachable);
+        }
+        if !self.is_free(&Pose2::default()) {
+            return Err(Outcome::StartOccupied);
+        }
+        Ok(goal)
+    }
+
     /// Whether it is proved that no drive leads to a goal.
     ///
     /// A disc around the reference point moves within the vehicle. It stays so far from obstacles that
     /// around the centres of the cells that it passes a disc smaller by half a diagonal is free. Where
     /// no chain of neighbouring cells with such discs leads, nothing leads.
-    pub(crate) fn is_walled_off(&self, goal: &Goal) -> bool {
+    fn is_walled_off(&self, goal: &Goal) -> bool {
         !goal.cells().iter().any(|&cell| self.open[cell])
     }
 }

@@ -98,16 +98,10 @@ pub(crate) fn hybrid(
     memory: &mut HybridMemory,
 ) -> Result<TargetResult, Error> {
     guidance.check(map.spec())?;
-    let goal = match Goal::new(map, goal) {
+    let goal = match ground.goal(map, goal) {
         Ok(goal) => goal,
         Err(outcome) => return Ok(TargetResult::without_path(outcome, 0)),
     };
-    if ground.is_walled_off(&goal) {
-        return Ok(TargetResult::without_path(Outcome::Unreachable, 0));
-    }
-    if !ground.is_free(&Pose2::default()) {
-        return Ok(TargetResult::without_path(Outcome::StartOccupied, 0));
-    }
     let stop = || limits.asked().is_some();
     if !ground.measure_to(map, &goal, &mut memory.distances, &stop) {
         let outcome = limits.asked().unwrap_or(Outcome::BudgetExhausted);

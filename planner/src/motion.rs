@@ -138,7 +138,7 @@ impl MotionModel {
 
     /// The tightest curvature at a speed, 1/m: that of the speed or of the vehicle.
     pub fn curvature_limit_per_m(&self, speed_m_per_s: f64) -> f64 {
-        max_curvature_per_m(speed_m_per_s).min(1.0 / self.vehicle.min_turning_radius_m)
+        curvature_limit_per_m(&self.vehicle, speed_m_per_s)
     }
 
     /// The paper's angle limit: curvature times the mean length of the two actions, radians.
@@ -155,6 +155,11 @@ impl MotionModel {
         let turn = angle_between_rad(self.table.angle_rad(from), self.table.angle_rad(to));
         if turn > PI { turn - TAU } else { turn }
     }
+}
+
+/// The tightest curvature of a vehicle at a speed, 1/m: that of the speed or its own.
+pub fn curvature_limit_per_m(vehicle: &Vehicle, speed_m_per_s: f64) -> f64 {
+    max_curvature_per_m(speed_m_per_s).min(1.0 / vehicle.min_turning_radius_m)
 }
 
 /// The largest curvature that a speed allows by TiEV's table, 1/m: interpolated, clamped outside.

@@ -32,9 +32,10 @@ use tokio::task::{JoinHandle, spawn_blocking};
 use tokio::time::Instant;
 
 use crate::frame::{FramePlan, FramePlanner, ObstacleConfig, Start};
-use crate::motion::max_curvature_per_m;
+use crate::method::Method;
+use crate::motion::curvature_limit_per_m;
 use crate::network::Network;
-use crate::plan::{Method, PlanConfig};
+use crate::plan::PlanConfig;
 use crate::report::plan_report;
 use crate::targets::{MAX_TARGETS, TargetConfig, sample_targets};
 use crate::{Error, MotionModel, Plane};
@@ -337,8 +338,7 @@ impl Node {
             self.targets.clone()
         };
         let vehicle = &self.config.vehicle;
-        let most_per_m = 1.0 / vehicle.min_turning_radius_m;
-        let limit_per_m = max_curvature_per_m(self.speed_m_per_s).min(most_per_m);
+        let limit_per_m = curvature_limit_per_m(vehicle, self.speed_m_per_s);
         let departure = self.follower.depart(
             grid.message.header.stamp.nanos(),
             (&occupancy.spec, &obstacles),

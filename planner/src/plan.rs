@@ -1,6 +1,5 @@
 //! All targets of one frame on all cores: one search each (the paper's Algorithm 2), or all together.
 
-use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 use rayon::iter::{IndexedParallelIterator, IntoParallelRefIterator, ParallelIterator};
@@ -11,7 +10,9 @@ use crate::collision::CollisionMap;
 use crate::ground::Ground;
 use crate::guidance::Guidance;
 use crate::hybrid::{HybridMemory, hybrid};
+use crate::method::Method;
 use crate::motion::Successors;
+use crate::pool::Pool;
 use crate::rrt_star::{Drawing, RrtMemory, rrt_star};
 use crate::search::{
     Frame, FrameMemory, Limits, Regions, Rules, SearchMemory, TargetResult, WeightedMemory, search,
@@ -20,83 +21,6 @@ use crate::search::{
 use crate::smooth::{Drivability, DrivablePath, SmoothConfig};
 use crate::timing::CpuTimer;
 use crate::{Error, Plane};
-
-/// Most search memories that are kept for later plans.
-const MAX_POOLED_MEMORIES: usize = 64;
-
-/// How to search.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Method {
-    /// The paper's A*, optimal on its graph.
-    Tiev,
-    /// The same inside a predicted region (the paper's Algorithm 1).
-    TievFcn,
-    /// Weighted A*, within a factor of the optimum; no network.
-    Weighted,
-    /// All targets together, within the same factor; no network.
-    Swath,
-    /// Hybrid A* with arcs.
-    Hybrid,
-    /// The same inside a predicted region.
-    HybridFcn,
-    /// RRT* with Dubins drives.
-    RrtStar,
-    /// The same with poses drawn from a predicted region.
-    RrtStarFcn,
-}
-
-impl Method {
-    /// Every method.
-    pub const ALL: [Self; 8] = [
-        Self::Tiev,
-        Self::TievFcn,
-        Self::Weighted,
-        Self::Swath,
-        Self::Hybrid,
-        Self::HybridFcn,
-        Self::RrtStar,
-        Self::RrtStarFcn,
-    ];
-
-    /// The methods that are compared unless others are named.
-    pub const COMPARED: [Self; 4] = [Self::Tiev, Self::TievFcn, Self::Weighted, Self::Swath];
-
-    /// The name used on the command line, in JSON and in tables.
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::Tiev => "tiev",
-            Self::TievFcn => "tiev-fcn",
-            Self::Weighted => "weighted",
-            Self::Swath => "swath",
-            Self::Hybrid => "hybrid",
-            Self::HybridFcn => "hybrid-fcn",
-            Self::RrtStar => "rrt-star",
-            Self::RrtStarFcn => "rrt-star-fcn",
-        }
-    }
-
-    /// The method of a name.
-    pub fn from_name(name: &str) -> Option<Self> {
-        Self::ALL.into_iter().find(|method| method.name() == name)
-    }
-
-    /// Whether it needs regions.
-    pub const fn needs_regions(self) -> bool {
-        matches!(self, Self::TievFcn | Self::HybridFcn | Self::RrtStarFcn)
-    }
-
-    /// The same planner without a region; itself if it needs none.
-    #[must_use]
-    pub const fn without_regions(self) -> Self {
-        match self {
-            Self::TievFcn => Self::Tiev,
-            Self::HybridFcn => Self::Hybrid,
-            Self::RrtStarFcn => Self::RrtStar,
-            other => other,
-        }
-    }
-}
 
 /// Which targets come first when time is short.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -263,13 +187,10 @@ impl Planner {
             Method::Tiev | Method::TievFcn => {
                 let successors = successors();
                 each_target(frame, config, |index, goal, limits| {
-                    let narrow = |regions: &[Plane]| {
-                        let narrower = regions[index].shrunk(config.region_shrink_cells);
-                        (narrower, config.region_weight)
-                    };
-                    let region = regions.map(narrow);
-                    let guidance = region.as_ref().map_or(Guidance::NONE, |(cells, weight)| {
-                        Guidance::inside(cells, *weight)
+                    let narrower =
+                        regions.map(|regions| regions[index].shrunk(config.region_shrink_cells));
+                    let guidance = narrower.as_ref().map_or(Guidance::NONE, |cells| {
+                        Guidance::inside(cells, config.region_weight)
                     });
                     let goal = (goal, guidance);
                     self.memories
@@ -292,8 +213,8 @@ impl Planner {
         }
     }
 
-    /// As [`Self::plan_until`], but regions are asked for while `swath` plans, and only if it does not get
-    /// on without; other methods do without.
+    /// Plans with `swath`, whatever the configuration's method is; regions are asked for meanwhile, and
+    /// only if it does not get on without.
     pub(crate) fn plan_asking(
         &self,
         deadline: Option<Instant>,
@@ -301,9 +222,6 @@ impl Planner {
         ask: Regions<'_>,
         config: &PlanConfig,
     ) -> Result<Vec<TargetPlan>, Error> {
-        if config.method != Method::Swath {
-            return self.plan_until(deadline, (map, goals), None, config);
-        }
         let successors = map.model().successors(config.speed_m_per_s);
         self.plan_together((map, &successors), (goals, deadline), Some(ask), config)
     }
@@ -429,31 +347,6 @@ pub(crate) fn order_of(goals: &[Pose2], order: TargetOrder) -> Vec<usize> {
         numbers.sort_by(|a, b| distance_m(a).total_cmp(&distance_m(b)));
     }
     numbers
-}
-
-/// Memories of searches that are not running.
-#[derive(Debug)]
-pub(crate) struct Pool<T>(Mutex<Vec<T>>);
-
-impl<T> Default for Pool<T> {
-    fn default() -> Self {
-        Self(Mutex::default())
-    }
-}
-
-impl<T: Default> Pool<T> {
-    /// Lends a memory.
-    pub(crate) fn with<R>(&self, work: impl FnOnce(&mut T) -> R) -> R {
-        // A poisoned lock is fine: a memory is prepared anew before each use.
-        let lock = || self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        let mut memory = lock().pop().unwrap_or_default();
-        let result = work(&mut memory);
-        let mut memories = lock();
-        if memories.len() < MAX_POOLED_MEMORIES {
-            memories.push(memory);
-        }
-        result
-    }
 }
 
 /// Asks for a stop from a deadline on.
@@ -591,16 +484,6 @@ mod tests {
                 assert!(is_decided || plan.result.outcome == Outcome::BudgetExhausted);
                 assert!(plan.result.steps <= 3);
             }
-        }
-    }
-
-    #[test]
-    fn methods_keep_their_names_and_their_twins() {
-        for method in Method::ALL {
-            assert_eq!(Method::from_name(method.name()), Some(method));
-            assert!(!method.without_regions().needs_regions());
-            let is_same = method.without_regions() == method;
-            assert_eq!(is_same, !method.needs_regions());
         }
     }
 

@@ -4,8 +4,10 @@ use swath_bridge::Pose2;
 use swath_bridge::msg::header::Header;
 use swath_bridge::msg::swath::{PlanReport, PlanarPose, TargetPlan as TargetPlanMessage};
 
+use crate::PathPoint;
 use crate::frame::FramePlan;
-use crate::plan::{Method, TargetPlan};
+use crate::method::Method;
+use crate::plan::TargetPlan;
 use crate::smooth::Drivability;
 use crate::timing::millis;
 
@@ -20,6 +22,29 @@ pub fn planar_pose(pose: &Pose2) -> PlanarPose {
         y_m: pose.y_m as f32,
         yaw_rad: pose.yaw_rad as f32,
     }
+}
+
+/// The pose of a message.
+pub fn pose_of_planar(pose: &PlanarPose) -> Pose2 {
+    Pose2::new(pose.x_m.into(), pose.y_m.into(), pose.yaw_rad.into())
+}
+
+/// The path of a reported target with its curvatures; none where it is chords. Arc lengths are those
+/// between the poses.
+pub fn path_points(target: &TargetPlanMessage) -> Vec<PathPoint> {
+    let mut points: Vec<PathPoint> = Vec::with_capacity(target.curvature_per_m.len());
+    for (pose, &curvature) in target.path.iter().zip(&target.curvature_per_m) {
+        let pose = pose_of_planar(pose);
+        let at_m = points
+            .last()
+            .map_or(0.0, |last| last.at_m + last.pose.distance_m(&pose));
+        points.push(PathPoint {
+            pose,
+            curvature_per_m: curvature.into(),
+            at_m,
+        });
+    }
+    points
 }
 
 /// A report of a planned frame. What belongs to a node (vehicle, frame number, latency, weights, the

@@ -90,16 +90,10 @@ pub(crate) fn rrt_star(
     memory: &mut RrtMemory,
 ) -> Result<TargetResult, Error> {
     guidance.check(map.spec())?;
-    let goal = match Goal::new(map, goal) {
+    let goal = match ground.goal(map, goal) {
         Ok(goal) => goal,
         Err(outcome) => return Ok(TargetResult::without_path(outcome, 0)),
     };
-    if ground.is_walled_off(&goal) {
-        return Ok(TargetResult::without_path(Outcome::Unreachable, 0));
-    }
-    if !ground.is_free(&Pose2::default()) {
-        return Ok(TargetResult::without_path(Outcome::StartOccupied, 0));
-    }
     let mut random = ChaCha8Rng::seed_from_u64(drawing.seed);
     random.set_stream(drawing.stream);
     memory.sampler.prepare(guidance);

@@ -19,20 +19,7 @@ pub(crate) struct Segment {
 impl Segment {
     /// The pose after driving `at_m` of it.
     pub(crate) fn after(&self, from: &Pose2, at_m: f64) -> Pose2 {
-        let turn_rad = self.curvature_per_m * at_m;
-        let half_rad = 0.5 * turn_rad;
-        // The chord is shorter than the arc by sin(half) / half.
-        let share = if half_rad.abs() < 1e-4 {
-            1.0 - half_rad * half_rad / 6.0
-        } else {
-            libm::sin(half_rad) / half_rad
-        };
-        let (sin, cos) = libm::sincos(from.yaw_rad + half_rad);
-        Pose2::new(
-            from.x_m + at_m * share * cos,
-            from.y_m + at_m * share * sin,
-            wrap_angle_rad(from.yaw_rad + turn_rad),
-        )
+        after_arc(from, at_m, self.curvature_per_m * at_m)
     }
 
     /// The pose at its end.
@@ -44,6 +31,23 @@ impl Segment {
     pub(crate) fn cost(&self) -> f64 {
         self.length_m * (1.0 + self.curvature_per_m.abs())
     }
+}
+
+/// The pose after driving an arc of a length that turns by so much.
+pub(crate) fn after_arc(from: &Pose2, length_m: f64, turn_rad: f64) -> Pose2 {
+    let half_rad = 0.5 * turn_rad;
+    // The chord is shorter than the arc by sin(half) / half.
+    let share = if half_rad.abs() < 1e-4 {
+        1.0 - half_rad * half_rad / 6.0
+    } else {
+        libm::sin(half_rad) / half_rad
+    };
+    let (sin, cos) = libm::sincos(from.yaw_rad + half_rad);
+    Pose2::new(
+        from.x_m + length_m * share * cos,
+        from.y_m + length_m * share * sin,
+        wrap_angle_rad(from.yaw_rad + turn_rad),
+    )
 }
 
 /// Metres plus radians of several segments.

@@ -20,7 +20,7 @@ use swath_bridge::geometry::wrap_angle_rad;
 use swath_bridge::{Pose2, Vehicle};
 
 use crate::Error;
-use crate::motion::max_curvature_per_m;
+use crate::motion::curvature_limit_per_m;
 use crate::path_point::PathPoint;
 use crate::search::{GOAL_TOLERANCE_M, GOAL_TOLERANCE_RAD};
 
@@ -29,6 +29,7 @@ pub(crate) use footprint::Footprint;
 pub(crate) use verify::{LEAST_GAP_M, contact_gap_m};
 
 pub use obstacles::ObstacleCells;
+pub use swath_bridge::Drivability;
 
 use cost::{Cost, Nearby, Weights};
 use optimise::{Limits, Optimiser, Trajectory};
@@ -128,42 +129,6 @@ impl std::fmt::Debug for SmoothRequest<'_> {
             .field("start_curvature_per_m", &self.start_curvature_per_m)
             .field("stop", &self.stop.map(|_| "callback"))
             .finish()
-    }
-}
-
-/// How far a path can be driven as it is.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Drivability {
-    /// By the vehicle at its speed.
-    AtSpeed,
-    /// By the vehicle, but more slowly: it bends more than the speed allows.
-    Slower,
-    /// By no such vehicle: it is continuous and hits nothing, but bends more than the vehicle can.
-    TooTight,
-    /// Not at all: these are the chords, which turn on the spot.
-    TurnsOnTheSpot,
-}
-
-impl Drivability {
-    /// The code in `swath_msgs/TargetPlan`.
-    pub const fn code(self) -> u8 {
-        match self {
-            Self::TurnsOnTheSpot => 0,
-            Self::AtSpeed => 1,
-            Self::Slower => 2,
-            Self::TooTight => 3,
-        }
-    }
-
-    /// The name used in JSON and tables.
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::AtSpeed => "at_speed",
-            Self::Slower => "slower",
-            Self::TooTight => "too_tight",
-            Self::TurnsOnTheSpot => "turns_on_the_spot",
-        }
     }
 }
 
@@ -270,7 +235,7 @@ impl Smoother {
 
     /// The curvature that the vehicle's paths keep to at a speed, 1/m.
     pub fn curvature_limit_per_m(&self, speed_m_per_s: f64) -> f64 {
-        max_curvature_per_m(speed_m_per_s).min(1.0 / self.vehicle.min_turning_radius_m)
+        curvature_limit_per_m(&self.vehicle, speed_m_per_s)
     }
 
     /// Makes a chord path drivable.

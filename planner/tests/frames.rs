@@ -9,7 +9,7 @@ use swath_bridge::{Cell, GridSpec, Outcome, Pose2, Vehicle};
 use swath_planner::check::{CheckLimits, Ends, check_path};
 use swath_planner::{
     FrameInput, FramePlan, FramePlanner, Method, MotionModel, PlanConfig, Plane, Start,
-    TargetConfig, max_curvature_per_m, sample_targets,
+    TargetConfig, curvature_limit_per_m, sample_targets,
 };
 
 mod data;
@@ -26,13 +26,10 @@ fn planner() -> FramePlanner {
     ))
 }
 
-fn curvature_limit_per_m(speed_m_per_s: f64) -> f64 {
-    max_curvature_per_m(speed_m_per_s).min(1.0 / Vehicle::default().min_turning_radius_m)
-}
-
 /// Checks every path that is said to be drivable; how many there are.
 fn check(input: &FrameInput<'_>, plan: &FramePlan, speed_m_per_s: f64) -> usize {
-    let limits = CheckLimits::new(&Vehicle::default(), curvature_limit_per_m(speed_m_per_s));
+    let vehicle = Vehicle::default();
+    let limits = CheckLimits::new(&vehicle, curvature_limit_per_m(&vehicle, speed_m_per_s));
     let mut drivable = 0;
     for (target, goal) in plan.targets.iter().zip(input.goals) {
         assert_eq!(target.goal, *goal);

@@ -17,9 +17,8 @@ use swath_bridge::{
 use swath_planner::check::{CheckLimits, Ends, check_path};
 use swath_planner::network::{Network, NetworkInfo, Parameters};
 use swath_planner::node::{self, FollowConfig, NodeConfig, NodeSummary};
-use swath_planner::{
-    Method, ObstacleConfig, PathPoint, PlanConfig, TargetConfig, max_curvature_per_m,
-};
+use swath_planner::report::{path_points, pose_of_planar};
+use swath_planner::{Method, ObstacleConfig, PlanConfig, TargetConfig, curvature_limit_per_m};
 use tokio::sync::oneshot;
 use tokio::task::JoinHandle;
 
@@ -365,30 +364,16 @@ impl Drive {
 /// Checks the chosen path as it is in a report; it begins at the report's start.
 fn check_report(report: &PlanReport, pose: &Pose2, speed_m_per_s: f64) {
     let chosen = &report.targets[usize::try_from(report.chosen).unwrap()];
-    let mut at_m = 0.0;
-    let mut points: Vec<PathPoint> = Vec::new();
-    for (at, &curvature) in chosen.path.iter().zip(&chosen.curvature_per_m) {
-        let pose = Pose2::new(at.x_m.into(), at.y_m.into(), at.yaw_rad.into());
-        at_m += points
-            .last()
-            .map_or(0.0, |last| last.pose.distance_m(&pose));
-        points.push(PathPoint {
-            pose,
-            curvature_per_m: curvature.into(),
-            at_m,
-        });
-    }
+    let points = path_points(chosen);
     let start = points[0].pose;
-    let said = &report.start;
-    assert!(start.distance_m(&Pose2::new(said.x_m.into(), said.y_m.into(), 0.0)) < 1e-4);
-    let goal = &chosen.goal;
+    assert!(start.distance_m(&pose_of_planar(&report.start)) < 1e-4);
     let ends = Ends {
         start,
         start_curvature_per_m: None,
-        goal: Pose2::new(goal.x_m.into(), goal.y_m.into(), goal.yaw_rad.into()),
+        goal: pose_of_planar(&chosen.goal),
     };
     let vehicle = Vehicle::default();
-    let limit_per_m = max_curvature_per_m(speed_m_per_s).min(1.0 / vehicle.min_turning_radius_m);
+    let limit_per_m = curvature_limit_per_m(&vehicle, speed_m_per_s);
     let obstacles = ObstacleConfig::default().obstacles(&seen_from(pose));
     let limits = CheckLimits::new(&vehicle, limit_per_m);
     let found = check_path((&GridSpec::default(), &obstacles), &limits, &ends, &points);

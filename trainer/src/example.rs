@@ -1,9 +1,10 @@
 //! A sample as training keeps it: planes that have been checked, and what evaluation groups by.
 
-use swath_bridge::msg::swath::{PlanarPose, Sample};
+use swath_bridge::msg::swath::Sample;
 use swath_bridge::{GridSpec, Outcome, Pose2};
 use swath_planner::Plane;
 use swath_planner::network::Surroundings;
+use swath_planner::report::pose_of_planar;
 
 use crate::Error;
 
@@ -77,12 +78,12 @@ impl Example {
             Plane::from_packed(spec.rows, spec.cols, bits)
                 .map_err(|error| format!("{name}: {error}"))
         };
-        let goal = pose(&sample.goal);
+        let goal = pose_of_planar(&sample.goal);
         if sample.path.len() > MAX_PATH_POSES {
             let count = sample.path.len();
             return Err(format!("{count} poses, expected at most {MAX_PATH_POSES}"));
         }
-        let path: Vec<Pose2> = sample.path.iter().map(pose).collect();
+        let path: Vec<Pose2> = sample.path.iter().map(pose_of_planar).collect();
         if !goal.is_finite() || !path.iter().all(Pose2::is_finite) {
             return Err("goal or path is not finite".to_owned());
         }
@@ -187,18 +188,11 @@ pub(crate) fn mirrored(plane: &Plane, about_col: u32) -> Plane {
     mirror
 }
 
-fn pose(pose: &PlanarPose) -> Pose2 {
-    Pose2::new(
-        f64::from(pose.x_m),
-        f64::from(pose.y_m),
-        f64::from(pose.yaw_rad),
-    )
-}
-
 #[cfg(test)]
 pub(crate) mod tests {
     use super::*;
     use swath_bridge::msg::header::Header;
+    use swath_planner::report::planar_pose;
 
     /// A grid on which a network trains in seconds.
     pub(crate) fn small_spec() -> GridSpec {
@@ -241,11 +235,6 @@ pub(crate) mod tests {
             plane.draw_line(&spec, poses, radius_m);
             plane.into_packed()
         };
-        let planar = |pose: &Pose2| PlanarPose {
-            x_m: single(pose.x_m),
-            y_m: single(pose.y_m),
-            yaw_rad: single(pose.yaw_rad),
-        };
         let block = Pose2::new(goal.x_m / 2.0, goal.y_m / 2.0 - side, 0.0);
         Sample {
             header: Header::at(index, "base_link"),
@@ -256,7 +245,7 @@ pub(crate) mod tests {
             scene: if side > 0.0 { "straight" } else { "curve" }.to_owned(),
             scene_id: index / 2,
             speed_m_per_s: 1.4,
-            goal: planar(&goal),
+            goal: planar_pose(&goal),
             outcome: Outcome::Solved.code(),
             rows: spec.rows,
             cols: spec.cols,
@@ -267,7 +256,7 @@ pub(crate) mod tests {
             reference: plane(&[Pose2::default(), Pose2::new(22.0, 0.0, 0.0)], 1.0),
             target: plane(&[goal], 1.0),
             label: plane(&path, 1.4),
-            path: path.iter().map(planar).collect(),
+            path: path.iter().map(planar_pose).collect(),
             cost: 20.0,
             steps: 100,
         }

@@ -24,7 +24,9 @@ pub(crate) fn section(health: &Health, drawn: &[String]) -> Section {
     }
     counted(&mut section, &health.outcomes, ("targets", &known));
     section.heading("Paths");
-    let known = ["at_speed", "slower", "too_tight", "chords"];
+    let mut known = swath_bridge::Drivability::ALL.map(swath_bridge::Drivability::name);
+    // What cannot be driven comes last.
+    known.rotate_left(1);
     if health.drivabilities.is_empty() {
         section.paragraph("No path was made drivable.");
     }

@@ -1,7 +1,7 @@
 //! Plan reports: one row a report, one a target of it.
 
-use swath_bridge::Outcome;
 use swath_bridge::msg::swath::{PlanReport, TargetPlan};
+use swath_bridge::{Drivability, Outcome};
 
 use super::Record;
 use super::rows::{number, row_table};
@@ -133,10 +133,10 @@ fn drivability_name(target: &TargetPlan) -> String {
     if target.path.is_empty() {
         return String::new();
     }
-    let known = ["chords", "at_speed", "slower", "too_tight"];
-    known.get(usize::from(target.drivability)).map_or_else(
-        || format!("unknown_{}", target.drivability),
-        |&name| name.to_owned(),
+    let code = target.drivability;
+    Drivability::from_code(code).map_or_else(
+        || format!("unknown_{code}"),
+        |drivability| drivability.name().to_owned(),
     )
 }
 

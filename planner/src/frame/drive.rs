@@ -7,7 +7,8 @@ use swath_bridge::{Outcome, Vehicle};
 
 use super::FrameInput;
 use crate::Error;
-use crate::plan::{Pool, TargetPlan};
+use crate::plan::TargetPlan;
+use crate::pool::Pool;
 use crate::smooth::{DrivablePath, ObstacleCells, SmoothConfig, SmoothRequest, Smoother};
 
 /// How the paths of a frame are to be driven.

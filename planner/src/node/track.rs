@@ -3,17 +3,16 @@
 use std::collections::VecDeque;
 
 use swath_bridge::Pose2;
-use swath_bridge::geometry::wrap_angle_rad;
 use swath_bridge::msg::nav::Odometry;
 use swath_bridge::poses::pose_of_ros;
+
+use crate::segment::after_arc;
 
 /// Moments that are kept: more than a second at any usual rate.
 const MOMENTS: usize = 128;
 /// Longest time over which the motion is taken to go on as it was, seconds.
 const MAX_GAP_S: f64 = 0.5;
 const NANOS_PER_S: f64 = 1e9;
-/// Turns slower than this are straight, radians per second.
-const STRAIGHT_RAD_PER_S: f64 = 1e-6;
 /// Below this speed the wheels may be turned before the vehicle has moved, m/s.
 const CREEPING_M_PER_S: f64 = 0.3;
 
@@ -42,18 +41,8 @@ impl Moment {
 
     /// The motion in the vehicle's frame over so many seconds, at the same speed and turn.
     pub(super) fn moved_by(&self, seconds: f64) -> Pose2 {
-        let length_m = self.speed_m_per_s * seconds;
-        let turn_rad = self.turn_rad_per_s * seconds;
-        if self.turn_rad_per_s.abs() < STRAIGHT_RAD_PER_S {
-            return Pose2::new(length_m, 0.0, 0.0);
-        }
-        let radius_m = self.speed_m_per_s / self.turn_rad_per_s;
-        let (sin, cos) = libm::sincos(turn_rad);
-        Pose2::new(
-            radius_m * sin,
-            radius_m * (1.0 - cos),
-            wrap_angle_rad(turn_rad),
-        )
+        let (length_m, turn_rad) = (self.speed_m_per_s * seconds, self.turn_rad_per_s * seconds);
+        after_arc(&Pose2::default(), length_m, turn_rad)
     }
 
     /// The curvature that is driven, 1/m; `None` while the wheels may still be turned.

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use swath_bridge::{Outcome, Vehicle};
 use swath_planner::check::{CheckLimits, Ends, check_path};
-use swath_planner::{FrameInput, FramePlan, max_curvature_per_m};
+use swath_planner::{FrameInput, FramePlan, curvature_limit_per_m};
 
 /// What the checker said of paths.
 #[derive(Debug, Default)]
@@ -22,8 +22,7 @@ impl Checked {
         (input, plan): (&FrameInput<'_>, &FramePlan),
         speed_m_per_s: f64,
     ) {
-        let most_per_m = 1.0 / vehicle.min_turning_radius_m;
-        let limits = CheckLimits::new(vehicle, max_curvature_per_m(speed_m_per_s).min(most_per_m));
+        let limits = CheckLimits::new(vehicle, curvature_limit_per_m(vehicle, speed_m_per_s));
         for target in &plan.targets {
             self.solved += u64::from(target.result.outcome == Outcome::Solved);
             let path = target.drivable.as_ref().filter(|path| path.is_drivable());
