@@ -18,7 +18,7 @@ use swath_bridge::{GridSpec, Occupancy, Pose2};
 use crate::collision::CollisionMap;
 use crate::method::Method;
 use crate::network::{Network, Prediction, Reach, Surroundings};
-use crate::plan::{PlanConfig, Planner, TargetPlan, deadline_in, order_of, stop_at};
+use crate::plan::{PlanConfig, Planner, TargetPlan, deadline_in, order_of};
 use crate::pool::Pool;
 use crate::smooth::Smoother;
 use crate::timing::CpuTimer;
@@ -262,13 +262,13 @@ impl FramePlanner {
         targets: &mut [TargetPlan],
         (deadline, config): (Option<Instant>, &PlanConfig),
     ) -> Result<(), Error> {
-        let stop = stop_at(deadline);
+        let is_late = |by: Duration| deadline.is_some_and(|at| Instant::now() >= at + by);
         let drive = Drive {
             vehicle: self.model.vehicle(),
             config: &config.smoothing,
             speed_m_per_s: config.speed_m_per_s,
             order: &order_of(input.goals, config.order),
-            is_time_up: &|| stop().is_some(),
+            is_late: &is_late,
         };
         make_drivable(&self.smoothers, input, targets, drive)
     }

@@ -25,6 +25,7 @@ mod goal;
 mod memory;
 mod open;
 mod path;
+mod sieve;
 mod swath;
 mod target;
 mod tree;

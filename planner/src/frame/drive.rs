@@ -1,6 +1,7 @@
 //! The paths of a frame made drivable, in parallel.
 
 use std::sync::atomic::{AtomicUsize, Ordering};
+use std::time::Duration;
 
 use rayon::iter::{IntoParallelIterator, ParallelIterator};
 use swath_bridge::{Outcome, Vehicle};
@@ -19,8 +20,12 @@ pub(super) struct Drive<'a> {
     pub(super) speed_m_per_s: f64,
     /// Numbers of the targets, most useful first.
     pub(super) order: &'a [usize],
-    pub(super) is_time_up: &'a (dyn Fn() -> bool + Sync),
+    /// Whether the deadline has passed by so much.
+    pub(super) is_late: &'a (dyn Fn(Duration) -> bool + Sync),
 }
+
+/// The first path may be late by so much: some path is better than none.
+const GRACE: Duration = Duration::from_millis(1);
 
 /// Gives every solved target that there is time for its drivable path; in the vehicle's frame.
 ///
@@ -52,12 +57,12 @@ pub(super) fn make_drivable(
                 let Some(&number) = order.get(index) else {
                     break;
                 };
-                // Some path is better than none, even if it is late by what it takes.
-                let stop = (index > 0).then_some(drive.is_time_up as _);
-                if stop.is_some() && (drive.is_time_up)() {
+                let grace = if index == 0 { GRACE } else { Duration::ZERO };
+                let stop = || (drive.is_late)(grace);
+                if stop() {
                     break;
                 }
-                let path = smooth(smoother, &cells, (input, &targets[number]), (&drive, stop));
+                let path = smooth(smoother, &cells, (input, &targets[number]), (&drive, &stop));
                 paths.push((number, path));
             }
             Ok(paths)
@@ -75,7 +80,7 @@ fn smooth(
     smoother: &mut Smoother,
     cells: &ObstacleCells,
     (input, target): (&FrameInput<'_>, &TargetPlan),
-    (drive, stop): (&Drive<'_>, Option<&(dyn Fn() -> bool + Sync)>),
+    (drive, stop): (&Drive<'_>, &(dyn Fn() -> bool + Sync)),
 ) -> DrivablePath {
     smoother.smooth(
         cells,
@@ -84,7 +89,7 @@ fn smooth(
             goal: target.goal,
             speed_m_per_s: drive.speed_m_per_s,
             start_curvature_per_m: input.start.curvature_per_m,
-            stop,
+            stop: Some(stop),
         },
     )
 }

@@ -52,13 +52,14 @@ pub(super) fn along(map: &CollisionMap, actions: &[u16], steps: u64) -> TargetRe
         // A hair of slack keeps a chord that is a multiple of the spacing from being cut once more.
         let pieces = libm::ceil(length_m / POSE_SPACING_M - 1e-9).max(1.0);
         let mut piece = 1.0;
-        while piece <= pieces {
+        while piece < pieces {
             let share = piece / pieces;
             let x_m = from_x_m + share * (to_x_m - from_x_m);
             let y_m = from_y_m + share * (to_y_m - from_y_m);
             result.path.push(Pose2::new(x_m, y_m, yaw_rad));
             piece += 1.0;
         }
+        result.path.push(Pose2::new(to_x_m, to_y_m, yaw_rad));
     }
     result
 }

@@ -3,10 +3,11 @@
 //! 1. For all targets: lower bounds on the length from the vehicle to everywhere, around obstacles
 //!    (`distance`), and the exact costs of what is near the vehicle (`trunk`).
 //! 2. For each target: a search from its goal backward under these bounds, with few expansions
-//!    (`target`). It solves what is easy and proves most of what cannot be reached.
-//! 3. If few targets are left: the same again with more expansions, which costs less than the next step.
-//! 4. If any targets are left: the trunk goes on farther off, and they are searched for again. The
-//!    trunk's paths are often within the bound at once; else they are paths that a search may stop at.
+//!    (`target`). It solves what is easy and proves much of what cannot be reached. If few targets are
+//!    left, the same again with more. Meanwhile the trunk goes on farther off.
+//! 3. If any targets are left: the same again with the trunk's paths, which are often within the bound at
+//!    once; else they are paths that a search may stop at.
+//! 4. If any targets are left: the trunk looks closer, and the same again, without end.
 //!
 //! Under a deadline the last searches go in rounds, each longer than the one before, so that no target
 //! that takes long keeps others from their turn. What is found by then counts, with the bound that is
@@ -16,14 +17,14 @@
 //! there before any of them, so results do not depend on the number of threads or on who is first; only
 //! a deadline makes them depend on the machine.
 
-use std::sync::atomic::{AtomicUsize, Ordering};
+use std::mem::take;
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::time::Duration;
 
 use rayon::iter::{IntoParallelRefMutIterator, ParallelIterator};
 use swath_bridge::Pose2;
 
 use super::distance::Distances;
-use super::goal::Goal;
 use super::target::{Aims, Search, Shared};
 use super::tree::{Tree, Weights};
 use super::trunk::Trunk;
@@ -81,13 +82,24 @@ pub struct Rules<'a> {
     pub limits: Limits<'a>,
 }
 
+/// What a search for targets is done with.
+#[derive(Clone, Copy)]
+struct Task<'a> {
+    frame: &'a Frame<'a>,
+    rules: &'a Rules<'a>,
+    trunk: &'a Trunk,
+}
+
 /// How many expansions each part of a frame's search is given.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Effort {
     /// Of the trunk near the vehicle.
     pub(super) near: u64,
-    /// Of the trunk farther off.
+    /// Of the trunk farther off while targets are searched for at first, after that, and when it looks
+    /// closer.
+    pub(super) meanwhile: u64,
     pub(super) far: u64,
+    pub(super) closer: u64,
     /// Of the first search for a target.
     pub(super) first: u64,
     /// Of the second searches for all targets that the first ones left, if these are few.
@@ -100,11 +112,20 @@ impl Default for Effort {
     fn default() -> Self {
         Self {
             near: 3_000,
-            far: 30_000,
+            meanwhile: 6_000,
+            far: 34_000,
+            closer: 40_000,
             first: 500,
             few: 20_000,
             before_asking: 2_000,
         }
+    }
+}
+
+impl Effort {
+    /// Of the second search for a target if it is one of those that are left.
+    fn each_of_few(&self, work: &Work) -> u64 {
+        self.few / work.left.len().max(1) as u64
     }
 }
 
@@ -114,9 +135,10 @@ pub struct FrameMemory {
     effort: Effort,
     aims: Aims,
     distances: Distances,
-    trunk: Trunk,
-    /// Memory of a second one.
-    far_trunk: Trunk,
+    near: Trunk,
+    /// The same, and farther off.
+    far: Trunk,
+    shared_steps: u64,
     /// By target, as far as they were asked for.
     regions: Vec<Option<Plane>>,
     /// One for each thread.
@@ -164,48 +186,121 @@ impl FrameMemory {
         if work.left.is_empty() || !self.prepare(frame, rules)? {
             return Ok(work.results);
         }
-        let task = (frame, rules);
-        self.search_for(task, &mut work, self.effort.first);
-        // Where few targets are left, searching longer for them costs less than what would serve many.
-        let each = self.effort.few / work.left.len().max(1) as u64;
-        if each > 2 * self.effort.first {
-            self.search_for(task, &mut work, each);
+        let (near, mut far) = (take(&mut self.near), take(&mut self.far));
+        let searched = self.search_near((frame, rules), &mut work, (&near, &mut far));
+        self.shared_steps = near.steps();
+        if searched.is_ok() && !is_over(rules, &work) {
+            self.search_farther((frame, rules), &mut work, (&near, &mut far));
+            self.shared_steps = far.steps();
         }
-        if !is_over(rules, &work) {
-            self.search_farther(task, &mut work, each);
+        (self.near, self.far) = (near, far);
+        searched.map(|()| work.results)
+    }
+
+    /// Searches for what the trunk's near states serve, while one thread makes the trunk go on.
+    fn search_near(
+        &mut self,
+        (frame, rules): (&Frame<'_>, &Rules<'_>),
+        work: &mut Work,
+        (near, far): (&Trunk, &mut Trunk),
+    ) -> Result<(), Error> {
+        let effort = self.effort;
+        let on = (frame.map, frame.successors);
+        let is_over = AtomicBool::new(false);
+        let stop = || is_over.load(Ordering::Relaxed) || rules.limits.asked().is_some();
+        let task = Task {
+            frame,
+            rules,
+            trunk: near,
+        };
+        far.follow(near, frame.map, work.unsolved())?;
+        // One thread makes the trunk go on, while the others search without that.
+        let left = work.left.clone();
+        rayon::join(
+            || {
+                self.search_for(&task, work, effort.first);
+                // Where few targets are left, searching longer for them costs less than what serves many.
+                let each = effort.each_of_few(work);
+                if each > 2 * effort.first {
+                    self.search_for(&task, work, each);
+                }
+                is_over.store(work.left.is_empty(), Ordering::Relaxed);
+            },
+            || far.spread(on, &left, (effort.meanwhile, &stop)),
+        );
+        if work.left.is_empty() {
+            return Ok(());
         }
-        Ok(work.results)
+        self.spread_meanwhile((&task, far), work, (effort.far, effort.each_of_few(work)));
+        Ok(())
+    }
+
+    /// One thread makes the trunk go on by so many expansions; if time is short, the others search
+    /// without that meanwhile.
+    fn spread_meanwhile(
+        &mut self,
+        (task, far): (&Task<'_>, &mut Trunk),
+        work: &mut Work,
+        (most, each): (u64, u64),
+    ) {
+        let (frame, limits) = (task.frame, &task.rules.limits);
+        let left = work.left.clone();
+        let (is_spread, is_over) = (AtomicBool::new(false), AtomicBool::new(false));
+        let stop = || is_over.load(Ordering::Relaxed) || limits.asked().is_some();
+        rayon::join(
+            || {
+                if limits.stop.is_some() && !is_spread.load(Ordering::Relaxed) {
+                    self.search_for(task, work, each.max(FIRST_ROUND * self.effort.first));
+                    is_over.store(work.left.is_empty(), Ordering::Relaxed);
+                }
+            },
+            || {
+                far.spread((frame.map, frame.successors), &left, (most, &stop));
+                is_spread.store(true, Ordering::Relaxed);
+            },
+        );
     }
 
     /// Searches for the targets that are left, with the trunk's states farther off: without end, or in
-    /// rounds of at least so many expansions each.
+    /// rounds, each longer than the one before.
     fn search_farther(
         &mut self,
         (frame, rules): (&Frame<'_>, &Rules<'_>),
         work: &mut Work,
-        each: u64,
+        (near, far): (&Trunk, &mut Trunk),
     ) {
-        let stop = || rules.limits.asked().is_some();
-        let far = self.effort.far;
-        let unsolved: Vec<Goal> = work.unsolved().cloned().collect();
+        let each = self.effort.each_of_few(work);
         let mut each = each.max(FIRST_ROUND * self.effort.first);
-        if rules.limits.stop.is_some() {
-            // One thread makes the trunk go on, so the others search without that meanwhile.
-            let mut trunk = std::mem::take(&mut self.far_trunk);
-            trunk.copy(&self.trunk);
-            rayon::join(
-                || trunk.spread(frame.map, frame.successors, &unsolved, (far, &stop)),
-                || self.search_for((frame, rules), work, each),
-            );
-            self.far_trunk = std::mem::replace(&mut self.trunk, trunk);
-        } else {
-            let (map, successors) = (frame.map, frame.successors);
-            self.trunk.spread(map, successors, &unsolved, (far, &stop));
+        let task = Task {
+            frame,
+            rules,
+            trunk: far,
+        };
+        self.search_for(&task, work, each);
+        let longer = self.effort.each_of_few(work);
+        if longer > 2 * each {
+            self.search_for(&task, work, longer);
+            each = longer;
         }
-        if frame.regions.is_some() {
+        if is_over(rules, work) {
+            return;
+        }
+        far.refine(near, frame.map);
+        let task = Task {
+            frame,
+            rules,
+            trunk: near,
+        };
+        self.spread_meanwhile((&task, far), work, (self.effort.closer, each));
+        let task = &Task {
+            frame,
+            rules,
+            trunk: far,
+        };
+        if task.frame.regions.is_some() {
             // What the trunk decides needs no region.
-            self.search_for((frame, rules), work, self.effort.before_asking);
-            self.ask_regions((frame, rules), &work.left);
+            self.search_for(task, work, self.effort.before_asking);
+            self.ask_regions(task, &work.left);
         }
         // Under a deadline nothing that takes long keeps the others from their turn.
         if rules.limits.stop.is_none() {
@@ -213,13 +308,14 @@ impl FrameMemory {
         }
         while !is_over(rules, work) {
             work.put_unsolved_first();
-            self.search_for((frame, rules), work, each);
+            self.search_for(task, work, each);
             each = each.saturating_mul(NEXT_ROUND);
         }
     }
 
     /// Asks where the paths to targets that are left are expected.
-    fn ask_regions(&mut self, (frame, rules): (&Frame<'_>, &Rules<'_>), left: &[usize]) {
+    fn ask_regions(&mut self, task: &Task<'_>, left: &[usize]) {
+        let (frame, rules) = (task.frame, task.rules);
         let Some(ask) = frame.regions else { return };
         if left.is_empty() || rules.limits.asked().is_some() {
             return;
@@ -233,7 +329,8 @@ impl FrameMemory {
 
     /// Searches for the targets that are left with at most so many expansions each, as far as the rules'
     /// limit leaves any after what each was searched for already.
-    fn search_for(&mut self, (frame, rules): (&Frame<'_>, &Rules<'_>), work: &mut Work, most: u64) {
+    fn search_for(&mut self, task: &Task<'_>, work: &mut Work, most: u64) {
+        let rules = task.rules;
         let allowed = rules.limits.max_expansions.unwrap_or(u64::MAX);
         let most = most.min(allowed.saturating_sub(work.spent));
         if most == 0 {
@@ -244,12 +341,12 @@ impl FrameMemory {
             max_expansions: Some(most),
             ..rules.limits
         };
-        self.search_all(frame, work, (rules.epsilon, limits));
+        self.search_all(task, work, limits);
     }
 
     /// Expansions that served all targets of the last frame together.
     pub const fn shared_steps(&self) -> u64 {
-        self.trunk.steps()
+        self.shared_steps
     }
 
     /// Computes what targets share. False if it was stopped.
@@ -259,7 +356,7 @@ impl FrameMemory {
         self.regions.clear();
         self.aims.prepare(map);
         let stop = || rules.limits.asked().is_some();
-        let (distances, trunk) = (&mut self.distances, &mut self.trunk);
+        let (distances, trunk) = (&mut self.distances, &mut self.near);
         let near_steps = self.effort.near;
         let (is_measured, is_grown) = rayon::join(
             || distances.measure(map, &stop),
@@ -269,19 +366,15 @@ impl FrameMemory {
     }
 
     /// Searches for the targets that are left on all threads.
-    fn search_all(
-        &mut self,
-        frame: &Frame<'_>,
-        work: &mut Work,
-        (epsilon, limits): (f64, Limits<'_>),
-    ) {
+    fn search_all(&mut self, task: &Task<'_>, work: &mut Work, limits: Limits<'_>) {
+        let (frame, epsilon) = (task.frame, task.rules.epsilon);
         let shared = Shared {
             map: frame.map,
             successors: frame.successors,
             steps_of: cell_steps(frame.map),
             aims: &self.aims,
             distances: &self.distances,
-            trunk: &self.trunk,
+            trunk: task.trunk,
             regions: &self.regions,
         };
         let weights = Weights::new(epsilon, 1.0 + WEIGHT_SHARE * (epsilon - 1.0));

@@ -39,8 +39,6 @@ pub(super) enum Stage {
     Expanded,
     /// At a greater cost.
     Improved,
-    /// At its cost, in a search that leaves out some states.
-    Kept,
 }
 
 /// What is the same for all states of a cell.
@@ -73,6 +71,8 @@ const UNCLAIMED: CellSlot = CellSlot {
 pub(super) struct Tree {
     generation: u32,
     cells: Vec<CellSlot>,
+    /// Numbers of the cells that were reached.
+    reached: Vec<u32>,
     costs: Vec<u32>,
     parents: Vec<Parent>,
     stages: Vec<Stage>,
@@ -90,24 +90,38 @@ impl Tree {
             self.generation = 0;
         }
         self.generation += 1;
+        self.reached.clear();
         self.used_states = 0;
         self.open.clear();
         Ok(())
     }
 
-    /// Becomes the same as another one; keeps its memory.
+    /// Becomes the same as another one on the same grid, in memory that was made ready for it.
     pub(super) fn copy(&mut self, other: &Self) {
         let used = ..other.used_states;
-        self.generation = other.generation;
-        self.cells.clone_from(&other.cells);
-        self.costs.clear();
-        self.costs.extend_from_slice(&other.costs[used]);
-        self.parents.clear();
-        self.parents.extend_from_slice(&other.parents[used]);
-        self.stages.clear();
-        self.stages.extend_from_slice(&other.stages[used]);
+        self.reached.clone_from(&other.reached);
+        for &cell in &other.reached {
+            let cell = cell as usize;
+            self.cells[cell] = CellSlot {
+                generation: self.generation,
+                ..other.cells[cell]
+            };
+        }
+        self.reserve(other.used_states);
+        self.costs[used].copy_from_slice(&other.costs[used]);
+        self.parents[used].copy_from_slice(&other.parents[used]);
+        self.stages[used].copy_from_slice(&other.stages[used]);
         self.used_states = other.used_states;
         self.open.copy(&other.open);
+    }
+
+    /// Makes sure that there are so many states.
+    fn reserve(&mut self, states: usize) {
+        if self.costs.len() < states {
+            self.costs.resize(states, u32::MAX);
+            self.parents.resize(states, Parent::START);
+            self.stages.resize(states, Stage::New);
+        }
     }
 
     #[expect(
@@ -117,11 +131,7 @@ impl Tree {
     #[cold]
     fn claim_block(&mut self, cell: usize, block: usize) -> u32 {
         let states = self.used_states..self.used_states + BLOCK_STATES;
-        if self.costs.len() < states.end {
-            self.costs.resize(states.end, u32::MAX);
-            self.parents.resize(states.end, Parent::START);
-            self.stages.resize(states.end, Stage::New);
-        }
+        self.reserve(states.end);
         self.costs[states.clone()].fill(u32::MAX);
         self.stages[states.clone()].fill(Stage::New);
         let number = (states.start / BLOCK_STATES) as u32;
@@ -140,6 +150,7 @@ impl Tree {
                 about: about(state.cell()),
                 ..UNCLAIMED
             };
+            self.reached.push(state.0 >> u8::BITS);
         }
         let (block, within) = split(state);
         let mut number = slot.blocks[block];
@@ -232,6 +243,21 @@ impl Tree {
             };
             if matches!(self.stage(place), Stage::New | Stage::Improved) {
                 return Some((state, place, (key >> 32) as u32));
+            }
+        }
+    }
+
+    /// Takes the state with the smallest key that is its cost and was not expanded, in the same order.
+    #[expect(clippy::cast_possible_truncation, reason = "both halves of a key are")]
+    #[inline]
+    pub(super) fn pop_at_cost(&mut self) -> Option<(State, u32)> {
+        loop {
+            let key = self.open.pop()?;
+            let (state, cost) = (State(key as u32), (key >> 32) as u32);
+            let is_current =
+                |place| self.cost(place) == cost && self.stage(place) != Stage::Expanded;
+            if self.find(state).is_some_and(is_current) {
+                return Some((state, cost));
             }
         }
     }

@@ -6,6 +6,7 @@
 
 use super::goal::Goal;
 use super::memory::{Parent, State};
+use super::sieve::{Grain, Sieve};
 use super::tree::{About, Stage, Tree};
 use super::{CellStep, Way, cell_steps, each_free_fan, each_step, start_of};
 use crate::Error;
@@ -13,11 +14,6 @@ use crate::action::ACTIONS;
 use crate::collision::{CollisionMap, WORD};
 use crate::motion::{Fan, Successors};
 
-/// Cells a side of a square, and bits of a direction that are left out of account, of which one state is
-/// kept: at first, and for as many states again when time is short. There is a bit for each range of
-/// directions in a word of 32.
-const FINE: (usize, u32) = (3, 3);
-const COARSE: (usize, u32) = (5, 3);
 /// How often it is asked whether to stop, in expansions.
 const STOP_INTERVAL: u64 = 64;
 
@@ -32,6 +28,10 @@ pub(super) struct Trunk {
     is_spread: bool,
     fine: Sieve,
     coarse: Sieve,
+    /// Goals that were not reached, with their numbers.
+    unreached: Vec<(usize, Goal)>,
+    /// The fine sieve is for so many expansions.
+    end_of_fine: u64,
 }
 
 impl Trunk {
@@ -60,7 +60,7 @@ impl Trunk {
             }
             self.tree.set_stage(place, Stage::Expanded);
             self.steps += 1;
-            expander.expand(&mut self.tree, state, |_| true);
+            expander.expand(&mut self.tree, state);
             if self.steps.is_multiple_of(STOP_INTERVAL) && stop() {
                 return Ok(false);
             }
@@ -68,45 +68,67 @@ impl Trunk {
         Ok(true)
     }
 
-    /// Becomes the same as another one that has not gone on yet; keeps its memory.
-    pub(super) fn copy(&mut self, near: &Self) {
+    /// Begins where another one ended, to go on farther off towards goals that have numbers.
+    pub(super) fn follow<'a>(
+        &mut self,
+        near: &Self,
+        map: &CollisionMap,
+        goals: impl Iterator<Item = (usize, &'a Goal)>,
+    ) -> Result<(), Error> {
+        self.tree.prepare(map.spec())?;
         self.tree.copy(&near.tree);
         self.steps = near.steps;
         self.radius = near.radius;
-        self.is_spread = false;
+        self.is_spread = true;
+        self.unreached.clear();
+        self.unreached
+            .extend(goals.map(|(number, goal)| (number, goal.clone())));
+        self.divide(map, Grain::FIRST);
+        Ok(())
     }
 
-    /// Goes on farther off, until all goals are reached, there is nothing left, or so many more states
-    /// were expanded, and as many again that lie farther apart.
+    /// Begins there again and looks closer, as far as so many more expansions go; keeps what was reached.
+    pub(super) fn refine(&mut self, near: &Self, map: &CollisionMap) {
+        self.tree.open.copy(&near.tree.open);
+        self.divide(map, Grain::SECOND);
+    }
+
+    fn divide(&mut self, map: &CollisionMap, grain: Grain) {
+        self.fine.divide(map, &self.unreached, grain.fine);
+        self.coarse.divide(map, &self.unreached, grain.coarse);
+        self.end_of_fine = self.steps + grain.fine_steps;
+    }
+
+    /// Goes on farther off, until all goals with numbers that are `left` are reached, there is nothing
+    /// left, or so many more states were expanded.
     pub(super) fn spread(
         &mut self,
-        map: &CollisionMap,
-        successors: &Successors,
-        goals: &[Goal],
+        (map, successors): (&CollisionMap, &Successors),
+        left: &[usize],
         (most, stop): (u64, &dyn Fn() -> bool),
     ) {
-        self.fine.divide(map, goals, FINE);
-        self.coarse.divide(map, goals, COARSE);
-        self.is_spread = true;
-        let mut unreached: Vec<&Goal> = goals.iter().collect();
-        let mut expander = Expander::new(map, successors);
-        let (end_of_fine, end) = (self.steps + most / 2, self.steps + most * 4 / 3);
-        while let Some((state, place, _)) = self.tree.pop() {
-            self.tree.set_stage(place, Stage::Kept);
-            let is_new = [self.fine.take(state), self.coarse.take(state)];
+        self.unreached.retain(|(number, _)| left.contains(number));
+        let expander = Expander::new(map, successors);
+        let end = self.steps + most;
+        while !self.unreached.is_empty() && self.steps < end {
+            let Some((state, cost)) = self.tree.pop_at_cost() else {
+                break;
+            };
+            let is_new = [self.fine.take(state, cost), self.coarse.take(state, cost)];
             if self.fine.reaches_goal(state) {
-                unreached.retain(|goal| !goal.accepts(state));
+                self.unreached.retain(|(_, goal)| !goal.accepts(state));
             }
-            let is_fine = self.steps < end_of_fine;
+            let is_fine = self.steps < self.end_of_fine;
             if !is_new[usize::from(!is_fine)] {
                 continue;
             }
-            if unreached.is_empty() || self.steps == end {
-                break;
-            }
             self.steps += 1;
-            let sieve = if is_fine { &self.fine } else { &self.coarse };
-            expander.expand(&mut self.tree, state, |to| !sieve.has(to));
+            let sieve = if is_fine {
+                &mut self.fine
+            } else {
+                &mut self.coarse
+            };
+            expander.expand_through(sieve, &mut self.tree, (state, cost));
             if self.steps.is_multiple_of(STOP_INTERVAL) && stop() {
                 break;
             }
@@ -153,67 +175,6 @@ impl Trunk {
     }
 }
 
-/// Leaves one state of each square of cells and range of headings, and all in cells that reach a goal.
-#[derive(Debug, Default)]
-struct Sieve {
-    /// By square: the ranges of which a state was taken.
-    taken: Vec<u32>,
-    /// By cell; the last number is that of cells that reach a goal.
-    squares: Vec<u32>,
-    range_bits: u32,
-}
-
-impl Sieve {
-    /// Begins with squares of so many cells a side and ranges of 2 to the power of so many directions.
-    #[expect(
-        clippy::cast_possible_truncation,
-        reason = "grids have at most 2^24 cells"
-    )]
-    fn divide(&mut self, map: &CollisionMap, goals: &[Goal], (side, range_bits): (usize, u32)) {
-        self.range_bits = range_bits;
-        let (rows, cols) = (map.spec().rows as usize, map.spec().cols as usize);
-        let across = cols.div_ceil(side);
-        let squares = across * rows.div_ceil(side);
-        self.taken.clear();
-        self.taken.resize(squares + 1, 0);
-        self.squares.clear();
-        for row in 0..rows {
-            let first = row / side * across;
-            self.squares
-                .extend((0..cols).map(|col| (first + col / side) as u32));
-        }
-        for &cell in goals.iter().flat_map(Goal::cells) {
-            self.squares[cell] = squares as u32;
-        }
-    }
-
-    fn reaches_goal(&self, state: State) -> bool {
-        self.squares[state.cell()] as usize == self.taken.len() - 1
-    }
-
-    /// Whether a state like this one was taken.
-    #[inline]
-    fn has(&self, state: State) -> bool {
-        self.taken[self.squares[state.cell()] as usize] & self.range_of(state) != 0
-    }
-
-    /// Takes a state, and says whether it is the first like it.
-    fn take(&mut self, state: State) -> bool {
-        if self.reaches_goal(state) {
-            return true;
-        }
-        let is_new = !self.has(state);
-        let range = self.range_of(state);
-        self.taken[self.squares[state.cell()] as usize] |= range;
-        is_new
-    }
-
-    #[inline]
-    fn range_of(&self, state: State) -> u32 {
-        1 << (state.direction() >> self.range_bits)
-    }
-}
-
 /// Expands states in order of cost alone.
 struct Expander<'a> {
     map: &'a CollisionMap,
@@ -232,27 +193,18 @@ impl<'a> Expander<'a> {
         }
     }
 
-    /// Reaches what follows a state, as far as it is `wanted`.
-    fn expand(&mut self, tree: &mut Tree, state: State, wanted: impl Fn(State) -> bool) {
+    /// Reaches what follows a state.
+    fn expand(&mut self, tree: &mut Tree, state: State) {
         let cost = tree.find(state).map_or(u32::MAX, |place| tree.cost(place));
         each_free_fan(self.map, self.successors, state, |fan, free| {
-            self.follow(tree, (state, cost), (fan, free), &wanted);
+            self.follow(tree, (state, cost), (fan, free));
         });
     }
 
     #[inline]
-    fn follow(
-        &mut self,
-        tree: &mut Tree,
-        (from, cost): (State, u32),
-        free: (&Fan, u64),
-        wanted: &impl Fn(State) -> bool,
-    ) {
+    fn follow(&mut self, tree: &mut Tree, (from, cost): (State, u32), free: (&Fan, u64)) {
         let mut count = 0;
         each_step(&self.steps_of, from, free, |to, step, action| {
-            if !wanted(to) {
-                return;
-            }
             let place = tree.place(to, |_| About::default());
             self.ways[count] = Way {
                 to,
@@ -270,5 +222,25 @@ impl<'a> Expander<'a> {
                 tree.push(way.to, cost);
             }
         }
+    }
+
+    /// Reaches what follows a state, as far as a sieve admits it.
+    fn expand_through(&self, sieve: &mut Sieve, tree: &mut Tree, (from, cost): (State, u32)) {
+        each_free_fan(self.map, self.successors, from, |fan, free| {
+            each_step(&self.steps_of, from, (fan, free), |to, step, action| {
+                let cost = cost.saturating_add(step);
+                if !sieve.admit(to, cost) {
+                    return;
+                }
+                let place = tree.place(to, |_| About::default());
+                let known_cost = tree.cost(place);
+                if cost < known_cost {
+                    tree.improve(place, cost, Parent::new(action, from.direction()));
+                }
+                if tree.stage(place) != Stage::Expanded {
+                    tree.push(to, cost.min(known_cost));
+                }
+            });
+        });
     }
 }

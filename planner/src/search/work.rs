@@ -67,11 +67,10 @@ impl Work {
         }
     }
 
-    /// The goals that are left.
-    pub(super) fn unsolved(&self) -> impl Iterator<Item = &Goal> {
-        self.left
-            .iter()
-            .filter_map(|&number| self.goals[number].as_ref())
+    /// The goals that are left, with their numbers.
+    pub(super) fn unsolved(&self) -> impl Iterator<Item = (usize, &Goal)> {
+        let goal_of = |&number: &usize| Some((number, self.goals[number].as_ref()?));
+        self.left.iter().filter_map(goal_of)
     }
 
     /// Puts those of which some path is known behind those of which none is.
