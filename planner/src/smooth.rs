@@ -9,6 +9,7 @@
 
 mod clothoid;
 mod cost;
+mod drivable;
 mod footprint;
 mod obstacles;
 mod optimise;
@@ -28,10 +29,12 @@ pub(crate) use clothoid::State;
 pub(crate) use footprint::Footprint;
 pub(crate) use verify::{LEAST_GAP_M, contact_gap_m};
 
+pub use drivable::{DrivablePath, Shortfall};
 pub use obstacles::ObstacleCells;
 pub use swath_bridge::Drivability;
 
 use cost::{Cost, Nearby, Weights};
+use drivable::as_chords;
 use optimise::{Limits, Optimiser, Trajectory};
 use reference::{Guess, Reference};
 
@@ -132,51 +135,11 @@ impl std::fmt::Debug for SmoothRequest<'_> {
     }
 }
 
-/// What the last attempt within the limits lacked.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Shortfall {
-    /// It comes too near to an obstacle.
-    Contact,
-    /// It misses the goal's tolerance.
-    Goal,
-    /// It leaves the map.
-    OffMap,
-    /// There was nothing to smooth: no length, too much of it, or numbers that are not finite.
-    Input,
-    /// It was stopped.
-    Time,
-}
-
-/// A smoothed path.
-#[derive(Debug, Clone, PartialEq)]
-pub struct DrivablePath {
-    /// At most [`POINT_SPACING_M`] apart.
-    pub points: Vec<PathPoint>,
-    /// Whether it can be driven.
-    pub drivability: Drivability,
-    /// Why not [`Drivability::AtSpeed`].
-    pub shortfall: Option<Shortfall>,
-    /// Iterations of all attempts.
-    pub iterations: usize,
-}
-
-impl DrivablePath {
-    /// Whether the vehicle can drive it at its speed.
-    pub fn is_drivable(&self) -> bool {
-        self.drivability == Drivability::AtSpeed
-    }
-
-    /// Its length, metres.
-    pub fn length_m(&self) -> f64 {
-        self.points.last().map_or(0.0, |point| point.at_m)
-    }
-
-    /// Its largest curvature, 1/m.
-    pub fn max_curvature_per_m(&self) -> f64 {
-        let curvatures = self.points.iter().map(|point| point.curvature_per_m.abs());
-        curvatures.fold(0.0, f64::max)
-    }
+/// What came of attempts that failed.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Tried {
+    shortfall: Shortfall,
+    iterations: usize,
 }
 
 /// Smooths the paths of one vehicle; keeps its memory from path to path.
@@ -240,72 +203,125 @@ impl Smoother {
 
     /// Makes a chord path drivable.
     pub fn smooth(&mut self, cells: &ObstacleCells, request: &SmoothRequest<'_>) -> DrivablePath {
-        let is_finite = request.chords.iter().all(Pose2::is_finite)
-            && request.goal.is_finite()
-            && request.start_curvature_per_m.is_none_or(f64::is_finite);
-        if !is_finite
-            || !self
-                .reference
-                .fit(request.chords, POINT_SPACING_M - SLACK, MAX_STEPS)
-        {
-            return as_chords(request.chords, Shortfall::Input, 0);
+        match self.smooth_at_once(cells, request) {
+            Ok(path) => path,
+            Err(tried) => self.smooth_at_length(cells, request, tried),
+        }
+    }
+
+    /// Makes a chord path drivable at the vehicle's speed if that goes at the first attempt, as it does
+    /// for nearly all; else what came of it.
+    pub(crate) fn smooth_at_once(
+        &mut self,
+        cells: &ObstacleCells,
+        request: &SmoothRequest<'_>,
+    ) -> Result<DrivablePath, Tried> {
+        let mut tried = Tried {
+            shortfall: Shortfall::Input,
+            iterations: 0,
+        };
+        if !self.set_reference(request) {
+            return Err(tried);
+        }
+        let limits = self.limits(request, Drivability::AtSpeed);
+        match self.attempt(
+            cells,
+            request,
+            (&limits, ATTEMPTS[0]),
+            &mut tried.iterations,
+        ) {
+            Ok(()) => Ok(self.path_of(Drivability::AtSpeed, None, tried.iterations)),
+            Err(shortfall) => Err(Tried { shortfall, ..tried }),
+        }
+    }
+
+    /// Makes a chord path as drivable as it can be, for which the first attempt has failed.
+    pub(crate) fn smooth_at_length(
+        &mut self,
+        cells: &ObstacleCells,
+        request: &SmoothRequest<'_>,
+        tried: Tried,
+    ) -> DrivablePath {
+        let (mut shortfall, mut iterations) = (tried.shortfall, tried.iterations);
+        if matches!(shortfall, Shortfall::Input | Shortfall::Time) || !self.set_reference(request) {
+            return as_chords(request.chords, shortfall, iterations);
         }
         let at_speed = self.curvature_limit_per_m(request.speed_m_per_s);
-        let at_most = 1.0 / self.vehicle.min_turning_radius_m;
-        let rate_per_m2 = self.config.max_curvature_rate_per_m2;
-        let mut iterations = 0;
-        let mut shortfall = Shortfall::Contact;
-        for (curvature_per_m, rate_per_m2, drivability) in [
-            (at_speed, rate_per_m2, Drivability::AtSpeed),
-            (at_most, rate_per_m2, Drivability::Slower),
-            (
-                RELAXED_CURVATURE * at_most,
-                RELAXED_RATE * rate_per_m2,
-                Drivability::TooTight,
-            ),
+        for drivability in [
+            Drivability::AtSpeed,
+            Drivability::Slower,
+            Drivability::TooTight,
         ] {
-            if drivability == Drivability::Slower && at_speed >= at_most {
+            if drivability == Drivability::Slower && at_speed >= self.least_radius_curvature() {
                 continue;
             }
-            let limits = Limits {
-                curvature_per_m,
-                rate_per_m2,
-                start_is_free: request.start_curvature_per_m.is_none(),
-            };
-            match self.attempt_all(cells, request, &limits, &mut iterations) {
-                Ok(()) => {
-                    return DrivablePath {
-                        points: self.points(),
-                        drivability,
-                        shortfall: (drivability != Drivability::AtSpeed).then_some(shortfall),
-                        iterations,
-                    };
+            let limits = self.limits(request, drivability);
+            let is_at_speed = drivability == Drivability::AtSpeed;
+            for attempt in &ATTEMPTS[usize::from(is_at_speed)..] {
+                match self.attempt(cells, request, (&limits, *attempt), &mut iterations) {
+                    Ok(()) => {
+                        let shortfall = (!is_at_speed).then_some(shortfall);
+                        return self.path_of(drivability, shortfall, iterations);
+                    }
+                    Err(Shortfall::Time) => {
+                        return as_chords(request.chords, Shortfall::Time, iterations);
+                    }
+                    Err(reason) if is_at_speed => shortfall = reason,
+                    Err(_) => {}
                 }
-                Err(Shortfall::Time) => {
-                    return as_chords(request.chords, Shortfall::Time, iterations);
-                }
-                Err(reason) if drivability == Drivability::AtSpeed => shortfall = reason,
-                Err(_) => {}
             }
         }
         as_chords(request.chords, shortfall, iterations)
     }
 
-    fn attempt_all(
-        &mut self,
-        cells: &ObstacleCells,
-        request: &SmoothRequest<'_>,
-        limits: &Limits,
-        iterations: &mut usize,
-    ) -> Result<(), Shortfall> {
-        let mut result = Err(Shortfall::Contact);
-        for attempt in ATTEMPTS {
-            result = self.attempt(cells, request, (limits, attempt), iterations);
-            if matches!(result, Ok(()) | Err(Shortfall::Time)) {
-                break;
-            }
+    /// Whether there is something to smooth.
+    fn set_reference(&mut self, request: &SmoothRequest<'_>) -> bool {
+        request.chords.iter().all(Pose2::is_finite)
+            && request.goal.is_finite()
+            && request.start_curvature_per_m.is_none_or(f64::is_finite)
+            && self
+                .reference
+                .fit(request.chords, POINT_SPACING_M - SLACK, MAX_STEPS)
+    }
+
+    fn least_radius_curvature(&self) -> f64 {
+        1.0 / self.vehicle.min_turning_radius_m
+    }
+
+    /// What a path may do that is to be as drivable.
+    fn limits(&self, request: &SmoothRequest<'_>, drivability: Drivability) -> Limits {
+        let rate_per_m2 = self.config.max_curvature_rate_per_m2;
+        let (curvature_per_m, rate_per_m2) = match drivability {
+            Drivability::AtSpeed => (
+                self.curvature_limit_per_m(request.speed_m_per_s),
+                rate_per_m2,
+            ),
+            Drivability::Slower => (self.least_radius_curvature(), rate_per_m2),
+            Drivability::TooTight | Drivability::TurnsOnTheSpot => (
+                RELAXED_CURVATURE * self.least_radius_curvature(),
+                RELAXED_RATE * rate_per_m2,
+            ),
+        };
+        Limits {
+            curvature_per_m,
+            rate_per_m2,
+            start_is_free: request.start_curvature_per_m.is_none(),
         }
-        result
+    }
+
+    /// The path as it is now.
+    fn path_of(
+        &self,
+        drivability: Drivability,
+        shortfall: Option<Shortfall>,
+        iterations: usize,
+    ) -> DrivablePath {
+        DrivablePath {
+            points: self.points(),
+            drivability,
+            shortfall,
+            iterations,
+        }
     }
 
     fn attempt(
@@ -446,28 +462,6 @@ impl Smoother {
             index += 1.0;
         }
         points
-    }
-}
-
-/// The chords as they are, for want of better.
-fn as_chords(chords: &[Pose2], shortfall: Shortfall, iterations: usize) -> DrivablePath {
-    let mut at_m = 0.0;
-    let mut last: Option<&Pose2> = None;
-    let mut points = Vec::with_capacity(chords.len());
-    for pose in chords {
-        at_m += last.map_or(0.0, |last| last.distance_m(pose));
-        last = Some(pose);
-        points.push(PathPoint {
-            pose: *pose,
-            curvature_per_m: 0.0,
-            at_m,
-        });
-    }
-    DrivablePath {
-        points,
-        drivability: Drivability::TurnsOnTheSpot,
-        shortfall: Some(shortfall),
-        iterations,
     }
 }
 

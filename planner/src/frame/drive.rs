@@ -10,7 +10,7 @@ use super::FrameInput;
 use crate::Error;
 use crate::plan::TargetPlan;
 use crate::pool::Pool;
-use crate::smooth::{DrivablePath, ObstacleCells, SmoothConfig, SmoothRequest, Smoother};
+use crate::smooth::{ObstacleCells, SmoothConfig, SmoothRequest, Smoother};
 
 /// How the paths of a frame are to be driven.
 #[derive(Clone, Copy)]
@@ -43,18 +43,69 @@ pub(super) fn make_drivable(
         return Ok(());
     }
     let cells = ObstacleCells::new(input.spec, input.obstacles)?;
+    let on = (input, drive.speed_m_per_s);
+    // What takes long waits until all that takes little is done.
+    let at_once = in_order(pool, drive, &order, |smoother, &number, stop| {
+        (
+            number,
+            smoother.smooth_at_once(&cells, &request_for(on, &targets[number], stop)),
+        )
+    })?;
+    let (done, hard): (Vec<_>, Vec<_>) = at_once.into_iter().partition(|(_, path)| path.is_ok());
+    let mut hard: Vec<_> = hard
+        .into_iter()
+        .filter_map(|(number, path)| Some((number, path.err()?)))
+        .collect();
+    hard.sort_by_key(|(number, _)| order.iter().position(|first| first == number));
+    let at_length = in_order(pool, drive, &hard, |smoother, &(number, tried), stop| {
+        (
+            number,
+            smoother.smooth_at_length(&cells, &request_for(on, &targets[number], stop), tried),
+        )
+    })?;
+    let done = done
+        .into_iter()
+        .filter_map(|(number, path)| Some((number, path.ok()?)));
+    let paths: Vec<_> = done.chain(at_length).collect();
+    for (number, path) in paths {
+        targets[number].drivable = Some(path);
+    }
+    Ok(())
+}
+
+fn request_for<'a>(
+    (input, speed_m_per_s): (&'a FrameInput<'_>, f64),
+    target: &'a TargetPlan,
+    stop: &'a (dyn Fn() -> bool + Sync),
+) -> SmoothRequest<'a> {
+    SmoothRequest {
+        chords: &target.result.path,
+        goal: target.goal,
+        speed_m_per_s,
+        start_curvature_per_m: input.start.curvature_per_m,
+        stop: Some(stop),
+    }
+}
+
+/// Does work for each item that there is time for, in their order, with smoothers on all threads.
+fn in_order<T: Sync, R: Send>(
+    pool: &Pool<Option<Smoother>>,
+    drive: Drive<'_>,
+    items: &[T],
+    work: impl Fn(&mut Smoother, &T, &(dyn Fn() -> bool + Sync)) -> R + Sync,
+) -> Result<Vec<R>, Error> {
     let next = AtomicUsize::new(0);
-    let work = |_: usize| {
+    let of_thread = |_: usize| {
         pool.with(|slot: &mut Option<Smoother>| {
             let fits = |smoother: &Smoother| smoother.config() == drive.config;
             let smoother = match slot.take().filter(fits) {
                 Some(smoother) => slot.insert(smoother),
                 None => slot.insert(Smoother::new(drive.vehicle, *drive.config)?),
             };
-            let mut paths = Vec::new();
+            let mut done = Vec::new();
             loop {
                 let index = next.fetch_add(1, Ordering::Relaxed);
-                let Some(&number) = order.get(index) else {
+                let Some(item) = items.get(index) else {
                     break;
                 };
                 let grace = if index == 0 { GRACE } else { Duration::ZERO };
@@ -62,34 +113,12 @@ pub(super) fn make_drivable(
                 if stop() {
                     break;
                 }
-                let path = smooth(smoother, &cells, (input, &targets[number]), (&drive, &stop));
-                paths.push((number, path));
+                done.push(work(smoother, item, &stop));
             }
-            Ok(paths)
+            Ok(done)
         })
     };
-    let threads = rayon::current_num_threads().min(order.len());
-    let paths: Result<Vec<_>, Error> = (0..threads).into_par_iter().map(work).collect();
-    for (number, path) in paths?.into_iter().flatten() {
-        targets[number].drivable = Some(path);
-    }
-    Ok(())
-}
-
-fn smooth(
-    smoother: &mut Smoother,
-    cells: &ObstacleCells,
-    (input, target): (&FrameInput<'_>, &TargetPlan),
-    (drive, stop): (&Drive<'_>, &(dyn Fn() -> bool + Sync)),
-) -> DrivablePath {
-    smoother.smooth(
-        cells,
-        &SmoothRequest {
-            chords: &target.result.path,
-            goal: target.goal,
-            speed_m_per_s: drive.speed_m_per_s,
-            start_curvature_per_m: input.start.curvature_per_m,
-            stop: Some(stop),
-        },
-    )
+    let threads = rayon::current_num_threads().min(items.len());
+    let done: Result<Vec<Vec<R>>, Error> = (0..threads).into_par_iter().map(of_thread).collect();
+    Ok(done?.into_iter().flatten().collect())
 }
