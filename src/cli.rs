@@ -396,8 +396,8 @@ pub(crate) struct BenchOptions {
     #[arg(long, default_value_t = 1000, value_name = "N")]
     pub(crate) time_limit_ms: u64,
     /// Deadlines of a frame for swath, milliseconds; 0 for none; each but that is a method of its own in
-    /// the report
-    #[arg(long, value_delimiter = ',', default_value = "0", value_name = "N")]
+    /// the report [default: the configuration's]
+    #[arg(long, value_delimiter = ',', value_name = "N")]
     pub(crate) deadline_ms: Vec<u64>,
     /// Make paths drivable, and have the independent checker look at every one
     #[arg(long)]

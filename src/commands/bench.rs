@@ -32,7 +32,13 @@ pub(crate) fn run(options: &BenchOptions, config: &Config) -> Result<(), Failure
     let network = network::load(options.weights.as_deref())?;
     let is_of_use = options.weights.is_some() || network::misfit(network.info(), config).is_none();
     let network = is_of_use.then_some(network);
-    let entrants = entrants_of(options, &methods_of(options, network.is_some())?);
+    let methods = methods_of(options, network.is_some())?;
+    let configured = [config.plan.frame_deadline_ms];
+    let deadlines_ms = match options.deadline_ms.as_slice() {
+        [] => &configured,
+        named => named,
+    };
+    let entrants = entrants_of(&methods, deadlines_ms);
     let scenes = scenes_of(&options.log, config)?;
     let bench = Bench {
         generator: Generator::new(config.generator(), scenes)?,
@@ -116,11 +122,11 @@ struct Entrant {
     deadline_ms: u64,
 }
 
-fn entrants_of(options: &BenchOptions, methods: &[Method]) -> Vec<Entrant> {
+fn entrants_of(methods: &[Method], of_frame_ms: &[u64]) -> Vec<Entrant> {
     let mut entrants = Vec::new();
     for &method in methods {
         let deadlines_ms: &[u64] = if method == Method::Swath {
-            &options.deadline_ms
+            of_frame_ms
         } else {
             &[0]
         };

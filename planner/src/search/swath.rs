@@ -22,7 +22,7 @@ use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::time::Duration;
 
 use rayon::iter::{IntoParallelRefMutIterator, ParallelIterator};
-use swath_bridge::Pose2;
+use swath_bridge::{Outcome, Pose2};
 
 use super::distance::Distances;
 use super::target::{Aims, Search, Shared};
@@ -236,7 +236,7 @@ impl FrameMemory {
     }
 
     /// One thread makes the trunk go on by so many expansions; if time is short, the others search
-    /// without that meanwhile.
+    /// without that until it is done.
     fn spread_meanwhile(
         &mut self,
         (task, far): (&Task<'_>, &mut Trunk),
@@ -247,10 +247,27 @@ impl FrameMemory {
         let left = work.left.clone();
         let (is_spread, is_over) = (AtomicBool::new(false), AtomicBool::new(false));
         let stop = || is_over.load(Ordering::Relaxed) || limits.asked().is_some();
+        let stop_search = || {
+            let is_spread = is_spread.load(Ordering::Relaxed);
+            limits
+                .asked()
+                .or(is_spread.then_some(Outcome::BudgetExhausted))
+        };
+        let rules = Rules {
+            limits: Limits {
+                stop: Some(&stop_search),
+                ..*limits
+            },
+            ..*task.rules
+        };
+        let task = Task {
+            rules: &rules,
+            ..*task
+        };
         rayon::join(
             || {
-                if limits.stop.is_some() && !is_spread.load(Ordering::Relaxed) {
-                    self.search_for(task, work, each.max(FIRST_ROUND * self.effort.first));
+                if limits.stop.is_some() {
+                    self.search_for(&task, work, each.max(FIRST_ROUND * self.effort.first));
                     is_over.store(work.left.is_empty(), Ordering::Relaxed);
                 }
             },
