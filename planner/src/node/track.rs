@@ -16,6 +16,10 @@ const NANOS_PER_S: f64 = 1e9;
 /// Below this speed the wheels may be turned before the vehicle has moved, m/s.
 const CREEPING_M_PER_S: f64 = 0.3;
 
+/// Faster no car drives, m/s, or turns, rad/s: what says so is not odometry.
+const MAX_SPEED_M_PER_S: f64 = 100.0;
+const MAX_TURN_RAD_PER_S: f64 = 10.0;
+
 /// The vehicle's motion at one moment.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Moment {
@@ -26,17 +30,18 @@ pub(super) struct Moment {
 }
 
 impl Moment {
-    fn of(odom: &Odometry) -> Option<Self> {
+    /// The motion that odometry tells of, if it is that of a car.
+    pub(super) fn of(odom: &Odometry) -> Option<Self> {
         let moment = Self {
             stamp_nanos: odom.header.stamp.nanos(),
             odom_from_vehicle: pose_of_ros(&odom.pose.pose),
             speed_m_per_s: odom.twist.twist.linear.x,
             turn_rad_per_s: odom.twist.twist.angular.z,
         };
-        let is_finite = moment.odom_from_vehicle.is_finite()
-            && moment.speed_m_per_s.is_finite()
-            && moment.turn_rad_per_s.is_finite();
-        is_finite.then_some(moment)
+        let is_sensible = moment.odom_from_vehicle.is_finite()
+            && moment.speed_m_per_s.abs() <= MAX_SPEED_M_PER_S
+            && moment.turn_rad_per_s.abs() <= MAX_TURN_RAD_PER_S;
+        is_sensible.then_some(moment)
     }
 
     /// The motion in the vehicle's frame over so many seconds, at the same speed and turn.
@@ -178,6 +183,15 @@ mod tests {
             1.0,
             0.0,
         ));
+        for (speed_m_per_s, turn_rad_per_s) in [(101.0, 0.0), (-1e300, 0.0), (1.0, 11.0)] {
+            let at = SECOND + 1;
+            track.take(&odometry(
+                at,
+                Pose2::default(),
+                speed_m_per_s,
+                turn_rad_per_s,
+            ));
+        }
         assert_eq!(track.at(SECOND), known);
         // A recording that starts over.
         track.take(&odometry(SECOND / 10, Pose2::new(5.0, 0.0, 0.0), 1.0, 0.0));
