@@ -44,7 +44,6 @@ pub use follow::FollowConfig;
 
 use follow::{Departure, Follower};
 use job::Job;
-use track::Moment;
 
 /// Messages of a kind that may wait while a frame is planned.
 const QUEUE: usize = 16;
@@ -254,17 +253,16 @@ impl Node {
     }
 
     fn take_odom(&mut self, odom: &Odometry) {
-        let Some(moment) = Moment::of(odom) else {
-            let twist = &odom.twist.twist;
-            let told = format!("{} m/s, {} rad/s", twist.linear.x, twist.angular.z);
-            self.reject(
-                "odometry",
-                &format!("no car moves so, or is nowhere: {told}"),
-            );
+        if let Some(moment) = self.follower.take_odom(odom) {
+            self.speed_m_per_s = moment.speed_m_per_s.abs();
             return;
-        };
-        self.speed_m_per_s = moment.speed_m_per_s.abs();
-        self.follower.take_odom(odom);
+        }
+        let twist = &odom.twist.twist;
+        let told = format!("{} m/s, {} rad/s", twist.linear.x, twist.angular.z);
+        self.reject(
+            "odometry",
+            &format!("no car moves so, or is nowhere: {told}"),
+        );
     }
 
     fn take_targets(&mut self, targets: &PoseArray) {

@@ -350,7 +350,7 @@ pub(crate) fn order_of(goals: &[Pose2], order: TargetOrder) -> Vec<usize> {
 }
 
 /// Asks for a stop from a deadline on.
-pub(crate) fn stop_at(deadline: Option<Instant>) -> impl Fn() -> Option<Outcome> + Sync {
+fn stop_at(deadline: Option<Instant>) -> impl Fn() -> Option<Outcome> + Sync {
     move || {
         deadline
             .is_some_and(|deadline| Instant::now() >= deadline)

@@ -51,22 +51,24 @@ pub(super) fn make_drivable(
             smoother.smooth_at_once(&cells, &request_for(on, &targets[number], stop)),
         )
     })?;
-    let (done, hard): (Vec<_>, Vec<_>) = at_once.into_iter().partition(|(_, path)| path.is_ok());
-    let mut hard: Vec<_> = hard
-        .into_iter()
-        .filter_map(|(number, path)| Some((number, path.err()?)))
-        .collect();
-    hard.sort_by_key(|(number, _)| order.iter().position(|first| first == number));
-    let at_length = in_order(pool, drive, &hard, |smoother, &(number, tried), stop| {
-        (
-            number,
-            smoother.smooth_at_length(&cells, &request_for(on, &targets[number], stop), tried),
-        )
-    })?;
-    let done = done
-        .into_iter()
-        .filter_map(|(number, path)| Some((number, path.ok()?)));
-    let paths: Vec<_> = done.chain(at_length).collect();
+    let (mut paths, mut hard) = (Vec::new(), Vec::new());
+    for (number, path) in at_once {
+        match path {
+            Ok(path) => paths.push((number, path)),
+            Err(tried) => hard.push((number, tried)),
+        }
+    }
+    paths.extend(in_order(
+        pool,
+        drive,
+        &hard,
+        |smoother, &(number, tried), stop| {
+            (
+                number,
+                smoother.smooth_at_length(&cells, &request_for(on, &targets[number], stop), tried),
+            )
+        },
+    )?);
     for (number, path) in paths {
         targets[number].drivable = Some(path);
     }
@@ -87,7 +89,8 @@ fn request_for<'a>(
     }
 }
 
-/// Does work for each item that there is time for, in their order, with smoothers on all threads.
+/// Does work for each item that there is time for, with smoothers on all threads; items are taken, and
+/// results given, in their order.
 fn in_order<T: Sync, R: Send>(
     pool: &Pool<Option<Smoother>>,
     drive: Drive<'_>,
@@ -113,12 +116,14 @@ fn in_order<T: Sync, R: Send>(
                 if stop() {
                     break;
                 }
-                done.push(work(smoother, item, &stop));
+                done.push((index, work(smoother, item, &stop)));
             }
             Ok(done)
         })
     };
     let threads = rayon::current_num_threads().min(items.len());
-    let done: Result<Vec<Vec<R>>, Error> = (0..threads).into_par_iter().map(of_thread).collect();
-    Ok(done?.into_iter().flatten().collect())
+    let done: Result<Vec<Vec<_>>, Error> = (0..threads).into_par_iter().map(of_thread).collect();
+    let mut done: Vec<(usize, R)> = done?.into_iter().flatten().collect();
+    done.sort_unstable_by_key(|(index, _)| *index);
+    Ok(done.into_iter().map(|(_, result)| result).collect())
 }

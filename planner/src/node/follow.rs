@@ -111,8 +111,8 @@ impl Follower {
         }
     }
 
-    pub(super) fn take_odom(&mut self, odom: &Odometry) {
-        self.track.take(odom);
+    pub(super) fn take_odom(&mut self, odom: &Odometry) -> Option<Moment> {
+        self.track.take(odom)
     }
 
     /// Where paths for a grid are to begin: on the path that is followed if it is still free, else where

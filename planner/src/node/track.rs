@@ -31,7 +31,7 @@ pub(super) struct Moment {
 
 impl Moment {
     /// The motion that odometry tells of, if it is that of a car.
-    pub(super) fn of(odom: &Odometry) -> Option<Self> {
+    fn of(odom: &Odometry) -> Option<Self> {
         let moment = Self {
             stamp_nanos: odom.header.stamp.nanos(),
             odom_from_vehicle: pose_of_ros(&odom.pose.pose),
@@ -70,24 +70,23 @@ impl Moment {
 pub(super) struct Track(VecDeque<Moment>);
 
 impl Track {
-    /// Takes note of a moment. What is not finite, or late, is left out; if time begins anew, as when a
-    /// recording starts over, so does the track.
-    pub(super) fn take(&mut self, odom: &Odometry) {
-        let Some(moment) = Moment::of(odom) else {
-            return;
-        };
+    /// Takes note of a moment, unless it is late; if time begins anew, as when a recording starts over,
+    /// so does the track. Gives the moment, if it is that of a car.
+    pub(super) fn take(&mut self, odom: &Odometry) -> Option<Moment> {
+        let moment = Moment::of(odom)?;
         if let Some(newest) = self.0.back() {
             let ahead_s = seconds_between(newest.stamp_nanos, moment.stamp_nanos);
             if ahead_s <= -MAX_GAP_S {
                 self.0.clear();
             } else if ahead_s <= 0.0 {
-                return;
+                return Some(moment);
             }
         }
         if self.0.len() == MOMENTS {
             self.0.pop_front();
         }
         self.0.push_back(moment);
+        Some(moment)
     }
 
     /// The motion at a time, unless nothing is known near it.

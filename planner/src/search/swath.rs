@@ -218,32 +218,24 @@ impl FrameMemory {
         let left = work.left.clone();
         rayon::join(
             || {
-                self.search_for(&task, work, effort.first);
-                // Where few targets are left, searching longer for them costs less than what serves many.
-                let each = effort.each_of_few(work);
-                if each > 2 * effort.first {
-                    self.search_for(&task, work, each);
-                }
+                self.search_longer_for_few(&task, work, effort.first);
                 is_over.store(work.left.is_empty(), Ordering::Relaxed);
             },
             || far.spread(on, &left, (effort.meanwhile, &stop)),
         );
-        if work.left.is_empty() {
-            return Ok(());
-        }
-        self.spread_meanwhile((&task, far), work, (effort.far, effort.each_of_few(work)));
         Ok(())
     }
 
-    /// One thread makes the trunk go on by so many expansions; if time is short, the others search
-    /// without that until it is done.
+    /// One thread makes the far trunk go on by so many expansions; if time is short, the others search
+    /// with the near one until it is done, with so many for each target.
     fn spread_meanwhile(
         &mut self,
-        (task, far): (&Task<'_>, &mut Trunk),
+        (frame, rules): (&Frame<'_>, &Rules<'_>),
+        (near, far): (&Trunk, &mut Trunk),
         work: &mut Work,
         (most, each): (u64, u64),
     ) {
-        let (frame, limits) = (task.frame, &task.rules.limits);
+        let limits = &rules.limits;
         let left = work.left.clone();
         let (is_spread, is_over) = (AtomicBool::new(false), AtomicBool::new(false));
         let stop = || is_over.load(Ordering::Relaxed) || limits.asked().is_some();
@@ -258,16 +250,17 @@ impl FrameMemory {
                 stop: Some(&stop_search),
                 ..*limits
             },
-            ..*task.rules
+            ..*rules
         };
         let task = Task {
+            frame,
             rules: &rules,
-            ..*task
+            trunk: near,
         };
         rayon::join(
             || {
                 if limits.stop.is_some() {
-                    self.search_for(&task, work, each.max(FIRST_ROUND * self.effort.first));
+                    self.search_for(&task, work, each);
                     is_over.store(work.left.is_empty(), Ordering::Relaxed);
                 }
             },
@@ -286,29 +279,22 @@ impl FrameMemory {
         work: &mut Work,
         (near, far): (&Trunk, &mut Trunk),
     ) {
-        let each = self.effort.each_of_few(work);
-        let mut each = each.max(FIRST_ROUND * self.effort.first);
+        let on = (frame, rules);
+        let least = FIRST_ROUND * self.effort.first;
+        let each = self.effort.each_of_few(work).max(least);
+        self.spread_meanwhile(on, (near, far), work, (self.effort.far, each));
         let task = Task {
             frame,
             rules,
             trunk: far,
         };
-        self.search_for(&task, work, each);
-        let longer = self.effort.each_of_few(work);
-        if longer > 2 * each {
-            self.search_for(&task, work, longer);
-            each = longer;
-        }
+        let each = self.effort.each_of_few(work).max(least);
+        let mut each = self.search_longer_for_few(&task, work, each);
         if is_over(rules, work) {
             return;
         }
         far.refine(near, frame.map);
-        let task = Task {
-            frame,
-            rules,
-            trunk: near,
-        };
-        self.spread_meanwhile((&task, far), work, (self.effort.closer, each));
+        self.spread_meanwhile(on, (near, far), work, (self.effort.closer, each));
         let task = &Task {
             frame,
             rules,
@@ -328,6 +314,18 @@ impl FrameMemory {
             self.search_for(task, work, each);
             each = each.saturating_mul(NEXT_ROUND);
         }
+    }
+
+    /// Searches with so many expansions each, and if few targets are left then, once more with more: for
+    /// few that costs less than what serves many. Says with how many it was.
+    fn search_longer_for_few(&mut self, task: &Task<'_>, work: &mut Work, each: u64) -> u64 {
+        self.search_for(task, work, each);
+        let longer = self.effort.each_of_few(work);
+        if longer <= 2 * each {
+            return each;
+        }
+        self.search_for(task, work, longer);
+        longer
     }
 
     /// Asks where the paths to targets that are left are expected.

@@ -60,7 +60,7 @@ impl Trunk {
             }
             self.tree.set_stage(place, Stage::Expanded);
             self.steps += 1;
-            expander.expand(&mut self.tree, state);
+            expander.expand(&mut self.tree, (state, key));
             if self.steps.is_multiple_of(STOP_INTERVAL) && stop() {
                 return Ok(false);
             }
@@ -194,10 +194,9 @@ impl<'a> Expander<'a> {
     }
 
     /// Reaches what follows a state.
-    fn expand(&mut self, tree: &mut Tree, state: State) {
-        let cost = tree.find(state).map_or(u32::MAX, |place| tree.cost(place));
-        each_free_fan(self.map, self.successors, state, |fan, free| {
-            self.follow(tree, (state, cost), (fan, free));
+    fn expand(&mut self, tree: &mut Tree, from: (State, u32)) {
+        each_free_fan(self.map, self.successors, from.0, |fan, free| {
+            self.follow(tree, from, (fan, free));
         });
     }
 
