@@ -40,7 +40,7 @@ impl Drive {
     /// A drive through the scenes of a seed.
     pub fn new(generator: Arc<Generator>, seed: u64) -> Self {
         Self {
-            scene: generator.scene(seed, 0),
+            scene: scene_of(&generator, seed, 0),
             generator,
             seed,
             scene_index: 0,
@@ -64,6 +64,11 @@ impl Drive {
     }
 }
 
+/// A scene in which the vehicle is not boxed in.
+fn scene_of(generator: &Generator, seed: u64, index: u64) -> Scene {
+    generator.scene(seed, index).on_a_drive(generator.config())
+}
+
 /// Whether nothing stands close ahead.
 fn has_room(scene: &Scene, vehicle: &Vehicle) -> bool {
     let ahead_s = ROOM_AHEAD_M / scene.speed_m_per_s.max(0.1);
@@ -81,7 +86,7 @@ impl Iterator for Drive {
             self.odom_from_scene = self.odom_from_scene.then(&self.scene.ego_at(self.time_s()));
             self.scene_index += 1;
             self.frame_in_scene = 0;
-            self.scene = self.generator.scene(self.seed, self.scene_index);
+            self.scene = scene_of(&self.generator, self.seed, self.scene_index);
             later = self.scene.later(0.0);
         }
         let lot = u64::from(self.frame_in_scene);

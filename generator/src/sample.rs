@@ -89,9 +89,10 @@ impl Generator {
 
     /// The name of a scene and what the vehicle in it would be given to plan on.
     ///
-    /// The reference begins at the vehicle and is not shifted. The stamp is made from the index.
+    /// The reference begins at the vehicle and is not shifted. A vehicle of a procedural scene is never
+    /// boxed in: a frame is a moment of a drive. The stamp is made from the index.
     pub fn frame(&self, seed: u64, scene_index: u64) -> (String, Frame) {
-        let scene = self.scene(seed, scene_index);
+        let scene = self.scene(seed, scene_index).on_a_drive(&self.config);
         let mut dice = Dice::new(seed, Purpose::Lidar, scene_index, u64::MAX);
         let frame = self.frame_of(&scene, &mut dice);
         let stamped = Frame {

@@ -14,6 +14,7 @@ mod road;
 mod roadside;
 mod site;
 mod traffic;
+mod way;
 
 use std::f64::consts::TAU;
 use std::sync::Arc;
@@ -146,8 +147,12 @@ impl Scene {
     /// Where the vehicle was at a time of the past, or will be if it keeps to the reference: an
     /// offset of heading dies away over a few metres.
     pub fn ego_at(&self, time_s: f64) -> Pose2 {
+        self.ego_along(self.speed_m_per_s * time_s)
+    }
+
+    /// The same by the distance driven.
+    fn ego_along(&self, along_m: f64) -> Pose2 {
         const RELAX_M: f64 = 6.0;
-        let along_m = self.speed_m_per_s * time_s;
         let left = libm::exp(-along_m.abs() / RELAX_M);
         let heading_rad = self.ego_from_reference.yaw_rad;
         let drift_m = heading_rad * RELAX_M * (1.0 - left);

@@ -41,5 +41,6 @@ pub use path_point::PathPoint;
 pub use plan::{PlanConfig, Planner, TargetOrder, TargetPlan};
 pub use plane::Plane;
 pub use report::plan_report;
+pub use segment::after_arc;
 pub use targets::{MAX_TARGETS, TargetConfig, sample_targets};
 pub use timing::{CpuTimer, millis};

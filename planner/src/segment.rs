@@ -34,7 +34,7 @@ impl Segment {
 }
 
 /// The pose after driving an arc of a length that turns by so much.
-pub(crate) fn after_arc(from: &Pose2, length_m: f64, turn_rad: f64) -> Pose2 {
+pub fn after_arc(from: &Pose2, length_m: f64, turn_rad: f64) -> Pose2 {
     let half_rad = 0.5 * turn_rad;
     // The chord is shorter than the arc by sin(half) / half.
     let share = if half_rad.abs() < 1e-4 {

@@ -194,7 +194,12 @@ fn way_here(scene: &Scene, config: &GeneratorConfig) -> Vec<(f64, Footprint)> {
 }
 
 /// Keeps a shape if it stands clear of the way; of a line, the pieces that do.
-fn keep_off(way: &[(f64, Footprint)], shape: Shape, height: Height, kept: &mut Vec<Solid>) {
+pub(super) fn keep_off(
+    way: &[(f64, Footprint)],
+    shape: Shape,
+    height: Height,
+    kept: &mut Vec<Solid>,
+) {
     if !way.iter().any(|(_, footprint)| shape.touches(footprint)) {
         kept.push(Solid { shape, height });
         return;

@@ -1,9 +1,11 @@
 use std::collections::BTreeSet;
+use std::f64::consts::TAU;
 
 use proptest::prelude::*;
 use swath_bridge::Pose2;
 
 use super::*;
+use crate::shape::Height;
 
 fn scene(seed: u64, index: u64) -> Scene {
     Scene::procedural(seed, index, &GeneratorConfig::default())
@@ -135,6 +137,49 @@ proptest! {
         prop_assert!(later.ego_at(0.0).distance_m(&Pose2::default()) < 1e-9);
         let ahead = scene.reference.at(scene.speed_m_per_s * time + 5.0);
         prop_assert!(now_from_then.then(&later.reference.at(5.0)).distance_m(&ahead) < 1e-6);
+    }
+}
+
+#[test]
+fn a_vehicle_on_a_drive_is_never_boxed_in() {
+    let config = GeneratorConfig::default();
+    let is_clear = |scene: &Scene| {
+        way::goes_on(scene, &config.vehicle)
+            || way::ahead(scene, &config).all(|ground| scene.is_free(&ground))
+    };
+    // In the first two the vehicle stands half a metre from a wall before it.
+    let boxed_in = [34, 77].map(|index| (900_010, index));
+    assert!(
+        boxed_in
+            .iter()
+            .all(|&(seed, index)| !is_clear(&scene(seed, index)))
+    );
+    for (seed, index) in boxed_in.into_iter().chain((0..140).map(|index| (7, index))) {
+        let scene = scene(seed, index);
+        let is_changed = !way::goes_on(&scene, &config.vehicle);
+        let driving = scene.clone().on_a_drive(&config);
+        assert!(is_clear(&driving), "{seed} {index}");
+        assert!(is_changed || driving == scene, "{seed} {index}");
+    }
+}
+
+#[test]
+fn a_vehicle_before_a_wall_does_not_go_on() {
+    let vehicle = Vehicle::default();
+    let mut scene = scene(1, 0);
+    scene.movers.clear();
+    for (gap_m, goes_on) in [(0.5, false), (30.0, true)] {
+        scene.solids = vec![Solid {
+            shape: Shape::Line {
+                points: vec![
+                    [vehicle.front_m + gap_m, -50.0],
+                    [vehicle.front_m + gap_m, 50.0],
+                ],
+                thickness_m: 0.1,
+            },
+            height: Height::Tall,
+        }];
+        assert_eq!(way::goes_on(&scene, &vehicle), goes_on, "{gap_m} m");
     }
 }
 
