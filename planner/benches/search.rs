@@ -1,6 +1,6 @@
-//! Collision maps and searches: to one target, and to fifty on all cores.
+//! Collision maps and searches: to one target, to fifty on all cores, and on large grids.
 //!
-//! `cargo bench -p swath-planner --bench search`
+//! `cargo bench --workspace --bench search`
 
 #[path = "../tests/scenes/mod.rs"]
 mod scenes;
@@ -11,7 +11,10 @@ use std::sync::Arc;
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
 use swath_bridge::{GridSpec, Pose2, Vehicle};
 use swath_planner::search::{Limits, SearchMemory, search};
-use swath_planner::{CollisionMap, Guidance, Method, MotionModel, PlanConfig, Planner};
+use swath_planner::{
+    CollisionMap, FrameInput, FramePlanner, Guidance, Method, MotionModel, PlanConfig, Plane,
+    Planner, Start,
+};
 
 /// Enough for most targets; the others count too, up to here.
 const LIMITS: Limits<'_> = Limits {
@@ -101,5 +104,56 @@ fn fifty_targets(criterion: &mut Criterion) {
     }
 }
 
-criterion_group!(benches, models, one_target, fifty_targets);
+/// The open road in ever larger grids that are free elsewhere: a planner's first frame, and the others.
+fn large_grids(criterion: &mut Criterion) {
+    let model = model();
+    let scene = scenes::open_road();
+    let config = PlanConfig {
+        smooth: false,
+        ..PlanConfig::default()
+    };
+    let mut group = criterion.benchmark_group("swath to fifty targets in a square grid");
+    group.sample_size(10);
+    for side in [512, 1024, 2048, 4096] {
+        let (spec, obstacles) = in_square_grid(&scene, side);
+        let input = FrameInput {
+            spec,
+            obstacles: &obstacles,
+            reference: &[],
+            goals: &scene.goals,
+            start: Start::default(),
+        };
+        let plan = |planner: &FramePlanner| planner.plan(&input, None, &config);
+        group.bench_function(BenchmarkId::new("the first frame", side), |bencher| {
+            bencher.iter_with_large_drop(|| {
+                let planner = FramePlanner::new(Arc::clone(&model));
+                (plan(&planner), planner)
+            });
+        });
+        let planner = FramePlanner::new(Arc::clone(&model));
+        group.bench_function(BenchmarkId::new("another frame", side), |bencher| {
+            bencher.iter(|| plan(&planner));
+        });
+    }
+}
+
+/// A scene around the vehicle in the middle of a grid.
+fn in_square_grid(scene: &scenes::Scene, side: u32) -> (GridSpec, Plane) {
+    let small = GridSpec::default();
+    let spec = GridSpec {
+        rows: side,
+        cols: side,
+        ego_row: side / 2,
+        ego_col: side / 2,
+        ..small
+    };
+    let mut obstacles = Plane::empty(side, side);
+    scene.obstacles.each_set(|index| {
+        let (x_m, y_m) = small.centre_of(small.cell_of_index(index));
+        obstacles.set(spec.cell_at(x_m, y_m));
+    });
+    (spec, obstacles)
+}
+
+criterion_group!(benches, models, one_target, fifty_targets, large_grids);
 criterion_main!(benches);

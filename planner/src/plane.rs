@@ -3,6 +3,7 @@
 use swath_bridge::{Cell, GridSpec, Occupancy, Pose2};
 
 use crate::Error;
+use crate::collision::WORD;
 
 /// A bit for each cell of a grid, row-major over all cells, most significant bit first.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -109,6 +110,36 @@ impl Plane {
     /// Sets the cell of a row-major index. Indices beyond the grid panic.
     pub fn set_index(&mut self, index: usize) {
         self.bits[index / 8] |= 0x80 >> (index % 8);
+    }
+
+    /// The cells as rows of whole words, column 0 in the least significant bit.
+    pub(crate) fn row_words(&self) -> Vec<u64> {
+        let (rows, cols) = (self.rows as usize, self.cols as usize);
+        let word_at = |row: usize, col: usize| {
+            let word = self.word_at(row * cols + col);
+            let beyond = (col + WORD).saturating_sub(cols);
+            word << beyond >> beyond
+        };
+        (0..rows)
+            .flat_map(|row| (0..cols).step_by(WORD).map(move |col| word_at(row, col)))
+            .collect()
+    }
+
+    /// The cells from a row-major index on, the first in the least significant bit.
+    fn word_at(&self, index: usize) -> u64 {
+        let (first, skip) = (index / 8, index % 8);
+        let mut bytes = [0; 16];
+        let known = &self.bits[first..self.bits.len().min(first + 9)];
+        for (to, byte) in bytes.iter_mut().zip(known) {
+            *to = byte.reverse_bits();
+        }
+        let [low, high] = [&bytes[..8], &bytes[8..]].map(|half| {
+            half.iter()
+                .rev()
+                .fold(0u64, |word, &byte| word << 8 | u64::from(byte))
+        });
+        // Shifting by 1 first keeps a shift of 0 from becoming one of 64.
+        low >> skip | high << 1 << (WORD - 1 - skip)
     }
 
     /// Whether a cell is set; cells off the grid are not.

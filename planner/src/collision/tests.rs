@@ -1,3 +1,5 @@
+use std::ops::Range;
+
 use super::*;
 use crate::motion::Side;
 use proptest::prelude::*;
@@ -21,6 +23,38 @@ fn touches(kernel: &Kernel, start: (i32, i32), cells: &[(i32, i32)]) -> bool {
     })
 }
 
+/// Compares what a map says of some of its cells with looking at every cell of a kernel.
+fn compare(
+    spec: GridSpec,
+    (rows, cols): (Range<i32>, Range<i32>),
+    cells: &[(i32, i32)],
+    (action, direction): (u16, u8),
+) -> Result<(), TestCaseError> {
+    let map = map_of(spec, cells);
+    let model = map.model().clone();
+    for (row, col) in rows.flat_map(|row| cols.clone().map(move |col| (row, col))) {
+        let cell = (usize::try_from(row).unwrap(), usize::try_from(col).unwrap());
+        let bit = |word: u64, number: usize| word >> (number % 64) & 1 != 0;
+        let action = usize::from(action);
+        let step = &model.table().actions()[action];
+        let leaves = spec
+            .index_of(Cell::new(row + step.d_row, col + step.d_col))
+            .is_none();
+        let blocked = bit(map.blocked_chords(action / 64, cell), action);
+        prop_assert_eq!(
+            blocked,
+            leaves || touches(&model.chords[action], (row, col), cells)
+        );
+        let turn = usize::from(direction);
+        let blocked = bit(map.blocked_turns(turn / 64, cell), turn);
+        prop_assert_eq!(blocked, touches(&model.turns[turn], (row, col), cells));
+        let pose = &model.poses[usize::from(direction)];
+        let free = map.state_is_free(Cell::new(row, col), direction);
+        prop_assert_eq!(free, !touches(pose, (row, col), cells));
+    }
+    Ok(())
+}
+
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(8))]
 
@@ -30,28 +64,23 @@ proptest! {
         action in 0u16..368, direction: u8,
     ) {
         let spec = GridSpec { rows: 70, cols: 90, ego_row: 50, ego_col: 45, ..GridSpec::default() };
-        let map = map_of(spec, &cells);
-        let model = map.model().clone();
-        for row in 0..70 {
-            for col in 0..90 {
-                let cell = (usize::try_from(row).unwrap(), usize::try_from(col).unwrap());
-                let bit = |word: u64, number: usize| word >> (number % 64) & 1 != 0;
-                let action = usize::from(action);
-                let step = &model.table().actions()[action];
-                let leaves = spec.index_of(Cell::new(row + step.d_row, col + step.d_col)).is_none();
-                let blocked = bit(map.blocked_chords(action / 64, cell), action);
-                prop_assert_eq!(
-                    blocked,
-                    leaves || touches(&model.chords[action], (row, col), &cells)
-                );
-                let turn = usize::from(direction);
-                let blocked = bit(map.blocked_turns(turn / 64, cell), turn);
-                prop_assert_eq!(blocked, touches(&model.turns[turn], (row, col), &cells));
-                let pose = &model.poses[usize::from(direction)];
-                let free = map.state_is_free(Cell::new(row, col), direction);
-                prop_assert_eq!(free, !touches(pose, (row, col), &cells));
-            }
-        }
+        compare(spec, (0..70, 0..90), &cells, (action, direction))?;
+    }
+
+    #[test]
+    fn bitmaps_agree_where_tiles_and_parts_of_a_map_meet(
+        cells in proptest::collection::vec((470i32..560, 200i32..310), 0..12),
+        action in 0u16..368, direction: u8,
+    ) {
+        let spec = GridSpec {
+            rows: 560,
+            cols: 310,
+            ego_row: 540,
+            ego_col: 45,
+            ..GridSpec::default()
+        };
+        compare(spec, (500..525, 240..270), &cells, (action, direction))?;
+        compare(spec, (550..560, 300..310), &cells, (action, direction))?;
     }
 }
 

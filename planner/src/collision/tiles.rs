@@ -5,59 +5,122 @@ use std::sync::OnceLock;
 
 use super::WORD;
 
-/// Rows of a band. Bands are filled when they are first looked at, so that a search pays for the rows
-/// and headings that it comes to and for no others.
-const BAND_ROWS: usize = 64;
+/// Rows of a tile, and words of its columns at most. Tiles are filled when they are first looked at, so
+/// that a search pays for the ground and headings that it comes to and for no others.
+pub(super) const TILE_ROWS: usize = 64;
+const TILE_WORDS: usize = 4;
+const TILE_COLS: usize = TILE_WORDS * WORD;
+
+/// How a map is divided into tiles.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Tiling {
+    rows: usize,
+    cols: usize,
+    /// Tiles side by side, and words of a tile's columns: of the last one some may be off the map.
+    across: usize,
+    words: usize,
+}
+
+impl Tiling {
+    pub(super) fn new(rows: usize, cols: usize) -> Self {
+        Self {
+            rows,
+            cols,
+            across: cols.div_ceil(TILE_COLS),
+            words: cols.div_ceil(WORD).min(TILE_WORDS),
+        }
+    }
+
+    /// Number of tiles.
+    pub(crate) const fn len(&self) -> usize {
+        self.across * self.rows.div_ceil(TILE_ROWS)
+    }
+
+    /// Number of tiles side by side.
+    pub(crate) const fn across(&self) -> usize {
+        self.across
+    }
+
+    /// Words of a row of a tile.
+    pub(super) const fn words(&self) -> usize {
+        self.words
+    }
+
+    /// Columns of a tile with those that are off the map.
+    pub(crate) const fn padded_cols(&self) -> usize {
+        self.words * WORD
+    }
+
+    /// Number of the tile that holds a cell.
+    #[inline]
+    pub(crate) const fn tile_of(&self, (row, col): (usize, usize)) -> usize {
+        row / TILE_ROWS * self.across + col / TILE_COLS
+    }
+
+    /// Where a cell lies in its tile, whose rows are padded.
+    #[inline]
+    pub(crate) const fn place_in_tile(&self, (row, col): (usize, usize)) -> usize {
+        row % TILE_ROWS * self.padded_cols() + col % TILE_COLS
+    }
+
+    /// First row and first column of a tile, and how many there are of each on the map.
+    pub(crate) fn cells_of(&self, tile: usize) -> ((usize, usize), (usize, usize)) {
+        let first = (
+            tile / self.across * TILE_ROWS,
+            tile % self.across * TILE_COLS,
+        );
+        let rows = TILE_ROWS.min(self.rows - first.0);
+        (first, (rows, TILE_COLS.min(self.cols - first.1)))
+    }
+}
 
 /// For groups of 64 motions, a word a cell.
 #[derive(Debug)]
 pub(super) struct Tiles {
     groups: usize,
-    rows: usize,
-    row_words: usize,
-    /// By band and group: a word for each cell of the band, rows padded to whole words of columns.
+    tiling: Tiling,
+    /// By tile and group: a word for each cell, rows padded to whole words of columns.
     filled: Vec<OnceLock<Box<[u64]>>>,
 }
 
 impl Tiles {
-    /// Tiles for a number of motions on a grid whose rows take `row_words` words of bits.
-    pub(super) fn new(motions: usize, rows: usize, row_words: usize) -> Self {
+    /// Tiles for a number of motions.
+    pub(super) fn new(motions: usize, tiling: Tiling) -> Self {
         let groups = motions.div_ceil(WORD);
         Self {
             groups,
-            rows,
-            row_words,
-            filled: (0..groups * rows.div_ceil(BAND_ROWS))
+            tiling,
+            filled: (0..groups * tiling.len())
                 .map(|_| OnceLock::new())
                 .collect(),
         }
     }
 
     /// The 64 motions of a group at a cell, filling its tile with `fill` if need be: given a motion,
-    /// the band's first row and its bits (cleared), it sets those from which the motion is blocked.
+    /// the tile's number and its bits (cleared), it sets those from which the motion is blocked.
     #[inline]
     pub(super) fn at(
         &self,
         group: usize,
-        (row, col): (usize, usize),
+        cell: (usize, usize),
         fill: impl Fn(usize, usize, &mut [u64]),
     ) -> u64 {
-        let band = row / BAND_ROWS;
-        let tile = self.filled[band * self.groups + group].get_or_init(|| {
-            self.fill(band * BAND_ROWS, |motion, first_row, bits| {
-                fill(group * WORD + motion, first_row, bits);
+        let number = self.tiling.tile_of(cell);
+        let tile = self.filled[number * self.groups + group].get_or_init(|| {
+            self.fill(number, |motion, bits| {
+                fill(group * WORD + motion, number, bits);
             })
         });
-        tile[row % BAND_ROWS * self.row_words * WORD + col]
+        tile[self.tiling.place_in_tile(cell)]
     }
 
     #[cold]
-    fn fill(&self, first_row: usize, fill: impl Fn(usize, usize, &mut [u64])) -> Box<[u64]> {
-        let rows = BAND_ROWS.min(self.rows - first_row);
-        let words = rows * self.row_words;
+    fn fill(&self, number: usize, fill: impl Fn(usize, &mut [u64])) -> Box<[u64]> {
+        let (_, (rows, _)) = self.tiling.cells_of(number);
+        let words = rows * self.tiling.words;
         let mut bits = vec![0u64; words * WORD];
         for (motion, bits) in bits.chunks_mut(words).enumerate() {
-            fill(motion, first_row, bits);
+            fill(motion, bits);
         }
         let mut tile = vec![0u64; words * WORD].into_boxed_slice();
         for (word, cells) in tile.as_chunks_mut::<WORD>().0.iter_mut().enumerate() {

@@ -17,6 +17,8 @@
 
 use std::f64::consts::TAU;
 
+use bytemuck::Zeroable;
+
 use super::goal::Goal;
 use crate::action::DIRECTIONS;
 use crate::collision::CollisionMap;
@@ -49,7 +51,7 @@ pub(super) struct TurnBound {
 }
 
 /// What is the same for all directions on a cell.
-#[derive(Debug, Clone, Copy, Default)]
+#[derive(Debug, Clone, Copy, Default, Zeroable)]
 pub(super) struct Aim {
     /// Towards the goal, in 2⁻³² of a turn.
     pub(super) bearing: u32,
@@ -60,13 +62,6 @@ pub(super) struct Aim {
 }
 
 impl Aim {
-    /// Asks for no turn but to straight ahead.
-    pub(super) const NONE: Self = Self {
-        bearing: 0,
-        slack: 0,
-        rest: 0,
-    };
-
     /// Least turn from an angle, in 2⁻³² of a turn, to the bearing, in units.
     #[inline]
     pub(super) fn least_off(self, angle: u32) -> u32 {

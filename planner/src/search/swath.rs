@@ -183,7 +183,7 @@ impl FrameMemory {
             });
         }
         let mut work = Work::new(frame, rules.epsilon);
-        if work.left.is_empty() || !self.prepare(frame, rules)? {
+        if work.left.is_empty() || !self.prepare((frame, rules), &work)? {
             return Ok(work.results);
         }
         let (near, mut far) = (take(&mut self.near), take(&mut self.far));
@@ -365,7 +365,11 @@ impl FrameMemory {
     }
 
     /// Computes what targets share. False if it was stopped.
-    fn prepare(&mut self, frame: &Frame<'_>, rules: &Rules<'_>) -> Result<bool, Error> {
+    fn prepare(
+        &mut self,
+        (frame, rules): (&Frame<'_>, &Rules<'_>),
+        work: &Work,
+    ) -> Result<bool, Error> {
         let (map, successors) = (frame.map, frame.successors);
         map.spec().validate()?;
         self.regions.clear();
@@ -374,7 +378,7 @@ impl FrameMemory {
         let (distances, trunk) = (&mut self.distances, &mut self.near);
         let near_steps = self.effort.near;
         let (is_measured, is_grown) = rayon::join(
-            || distances.measure(map, &stop),
+            || distances.measure(map, &work.goals, &stop),
             || trunk.grow(map, successors, (near_steps, &stop)),
         );
         Ok(is_grown? && is_measured)

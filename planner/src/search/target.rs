@@ -12,7 +12,9 @@
 //! 2π + θ, which is what 0 → β → θ takes by going left all the way; the other way around likewise.
 //! Near the vehicle the cost is known exactly, and so is the least cost of whatever is not near.
 
-use swath_bridge::Outcome;
+use std::sync::OnceLock;
+
+use swath_bridge::{GridSpec, Outcome};
 
 use super::bound::{Aim, ROUNDING, parts_of_turn};
 use super::distance::{Distances, NO_WAY};
@@ -39,12 +41,27 @@ pub(super) struct Shared<'a> {
     pub(super) regions: &'a [Option<Plane>],
 }
 
+impl Shared<'_> {
+    /// What is known of a cell. It is asked for once a search, so it stays out of the way of what is not.
+    #[inline(never)]
+    fn about(&self, cell: usize) -> About {
+        let cols = self.map.spec().cols as usize;
+        let at = (cell / cols, cell % cols);
+        let about = self.aims.about(self.map, at);
+        About {
+            length: about.length.max(self.distances.to(at)),
+            ..about
+        }
+    }
+}
+
 /// Where cells and headings lie from the vehicle; the same for all maps of a grid.
 #[derive(Debug, Default)]
 pub(super) struct Aims {
-    /// Rows, columns, and the vehicle's cell of the grid that this is for.
-    grid: (u32, u32, u32, u32, u64),
-    cells: Vec<About>,
+    /// The grid that this is for.
+    spec: Option<GridSpec>,
+    /// By tile of the grid, once it is asked for: what is known of its cells.
+    tiles: Vec<OnceLock<Box<[About]>>>,
     angles: Vec<u32>,
 }
 
@@ -52,33 +69,55 @@ impl Aims {
     /// Makes sure that this is for the grid of a map.
     pub(super) fn prepare(&mut self, map: &CollisionMap) {
         let (spec, table) = (map.spec(), map.model().table());
-        let resolution = spec.resolution_m.to_bits();
-        let grid = (spec.rows, spec.cols, spec.ego_row, spec.ego_col, resolution);
-        if self.grid == grid && self.angles.len() == DIRECTIONS {
+        if self.spec == Some(*spec) && self.angles.len() == DIRECTIONS {
             return;
         }
-        self.grid = grid;
+        self.spec = Some(*spec);
         let angle = |direction| parts_of_turn(table.angle_rad(direction));
         self.angles = (0..=u8::MAX).map(angle).collect();
-        let ego = spec.centre_of(spec.ego());
-        let about = |cell| {
-            let at = spec.centre_of(spec.cell_of_index(cell));
-            let (x_m, y_m) = (at.0 - ego.0, at.1 - ego.1);
-            let length = floor_units(libm::hypot(x_m, y_m));
-            if length == 0 {
-                // The way back to the vehicle's cell has no bearing; ahead asks for nothing.
-                return About::default();
-            }
-            let bearing_rad = libm::atan2(y_m, x_m);
-            let aim = Aim {
-                bearing: parts_of_turn(bearing_rad),
-                slack: ROUNDING,
-                rest: floor_units(bearing_rad.abs()),
-            };
-            About { length, aim }
-        };
-        self.cells = (0..spec.len()).map(about).collect();
+        self.tiles.clear();
+        self.tiles
+            .resize_with(map.tiling().len(), OnceLock::default);
     }
+
+    /// What is known of a cell.
+    #[inline]
+    fn about(&self, map: &CollisionMap, at: (usize, usize)) -> About {
+        let tiling = map.tiling();
+        let tile = tiling.tile_of(at);
+        self.tiles[tile].get_or_init(|| about_tile(map, tile))[tiling.place_in_tile(at)]
+    }
+}
+
+#[cold]
+fn about_tile(map: &CollisionMap, tile: usize) -> Box<[About]> {
+    let (spec, tiling) = (map.spec(), map.tiling());
+    let ((first_row, first_col), (rows, cols)) = tiling.cells_of(tile);
+    let mut cells = vec![About::default(); rows * tiling.padded_cols()].into_boxed_slice();
+    for (row, of_row) in (first_row..).zip(cells.chunks_mut(tiling.padded_cols())) {
+        for (col, to) in (first_col..first_col + cols).zip(of_row) {
+            *to = about(spec, (row, col));
+        }
+    }
+    cells
+}
+
+fn about(spec: &GridSpec, (row, col): (usize, usize)) -> About {
+    let ego = spec.centre_of(spec.ego());
+    let at = spec.centre_of(spec.cell_of_index(row * spec.cols as usize + col));
+    let (x_m, y_m) = (at.0 - ego.0, at.1 - ego.1);
+    let length = floor_units(libm::hypot(x_m, y_m));
+    if length == 0 {
+        // The way back to the vehicle's cell has no bearing; ahead asks for nothing.
+        return About::default();
+    }
+    let bearing_rad = libm::atan2(y_m, x_m);
+    let aim = Aim {
+        bearing: parts_of_turn(bearing_rad),
+        slack: ROUNDING,
+        rest: floor_units(bearing_rad.abs()),
+    };
+    About { length, aim }
 }
 
 /// How a search ended.
@@ -205,15 +244,7 @@ impl<'a> Search<'a> {
     #[inline]
     fn place(&mut self, state: State) -> Place {
         let shared = self.shared;
-        self.tree.place(state, |cell| {
-            let cols = shared.map.spec().cols as usize;
-            let about = shared.aims.cells[cell];
-            let around = shared.distances.to((cell / cols, cell % cols));
-            About {
-                length: about.length.max(around),
-                ..about
-            }
-        })
+        self.tree.place(state, |cell| shared.about(cell))
     }
 
     /// Reaches the states from which one action leads to a state.

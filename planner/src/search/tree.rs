@@ -11,6 +11,8 @@
 //! And a state may be dropped once its greatest key is not less than C, whatever its key is: it might as
 //! well have had that one.
 
+use bytemuck::Zeroable;
+use bytemuck::allocation::zeroed_vec;
 use swath_bridge::GridSpec;
 
 use super::bound::Aim;
@@ -23,7 +25,8 @@ use crate::action::DIRECTIONS;
 const BLOCK_BITS: u32 = 5;
 const BLOCK_STATES: usize = 1 << BLOCK_BITS;
 const BLOCKS: usize = DIRECTIONS / BLOCK_STATES;
-const NO_BLOCK: u32 = u32::MAX;
+/// Stands for no block. Memory of a large grid begins as zeros, which takes none until it is written to.
+const NO_BLOCK: u32 = 0;
 /// Fractions of weights are counted in this.
 const WEIGHT_BITS: u32 = 16;
 const WEIGHT_ONE: f64 = 65_536.0;
@@ -42,7 +45,7 @@ pub(super) enum Stage {
 }
 
 /// What is the same for all states of a cell.
-#[derive(Debug, Clone, Copy, Default)]
+#[derive(Debug, Clone, Copy, Default, Zeroable)]
 pub(super) struct About {
     /// Lower bound on the length of the rest, in units.
     pub(super) length: u32,
@@ -50,21 +53,13 @@ pub(super) struct About {
     pub(super) aim: Aim,
 }
 
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, Default, Zeroable)]
 struct CellSlot {
     generation: u32,
     about: About,
+    /// Where its states are, by range of directions; [`NO_BLOCK`] for those not reached.
     blocks: [u32; BLOCKS],
 }
-
-const UNCLAIMED: CellSlot = CellSlot {
-    generation: 0,
-    about: About {
-        length: 0,
-        aim: Aim::NONE,
-    },
-    blocks: [NO_BLOCK; BLOCKS],
-};
 
 /// States with the best ways to them, in memory that is reused from search to search.
 #[derive(Debug, Default)]
@@ -85,13 +80,14 @@ impl Tree {
     pub(super) fn prepare(&mut self, spec: &GridSpec) -> Result<(), Error> {
         spec.validate()?;
         if self.cells.len() != spec.len() || self.generation == u32::MAX {
-            self.cells.clear();
-            self.cells.resize(spec.len(), UNCLAIMED);
+            self.cells = zeroed_vec(spec.len());
             self.generation = 0;
         }
         self.generation += 1;
         self.reached.clear();
-        self.used_states = 0;
+        // The first block stands for none.
+        self.used_states = BLOCK_STATES;
+        self.reserve(self.used_states);
         self.open.clear();
         Ok(())
     }
@@ -148,7 +144,7 @@ impl Tree {
             *slot = CellSlot {
                 generation: self.generation,
                 about: about(state.cell()),
-                ..UNCLAIMED
+                ..CellSlot::default()
             };
             self.reached.push(state.0 >> u8::BITS);
         }

@@ -25,23 +25,16 @@ impl ObstacleCells {
     pub fn new(spec: GridSpec, obstacles: &Plane) -> Result<Self, Error> {
         spec.validate()?;
         obstacles.check_size("obstacles", &spec)?;
-        let (rows, cols) = (spec.rows as usize, spec.cols as usize);
-        let row_words = cols.div_ceil(WORD);
-        let mut occupied = vec![0u64; rows * row_words];
-        obstacles.each_set(|index| {
-            let (row, col) = (index / cols, index % cols);
-            occupied[row * row_words + col / WORD] |= 1 << (col % WORD);
-        });
-        Ok(Self::of_words(spec, row_words, occupied))
+        Ok(Self::of_words(spec, obstacles.row_words()))
     }
 
     /// The occupied cells of a collision map.
     pub(crate) fn of_map(map: &CollisionMap) -> Self {
-        let row_words = (map.spec().cols as usize).div_ceil(WORD);
-        Self::of_words(*map.spec(), row_words, map.occupied_words())
+        Self::of_words(*map.spec(), map.occupied_words().to_vec())
     }
 
-    fn of_words(spec: GridSpec, row_words: usize, occupied: Vec<u64>) -> Self {
+    fn of_words(spec: GridSpec, occupied: Vec<u64>) -> Self {
+        let row_words = (spec.cols as usize).div_ceil(WORD);
         Self {
             spec,
             row_words,
