@@ -219,7 +219,9 @@ impl Distances {
         goal: &[usize],
         stop: &dyn Fn() -> bool,
     ) -> bool {
+        let (rows, cols) = size_of(map);
         self.nearness.clear();
+        self.nearness.resize(rows * cols, 0);
         self.begin(map, goal);
         let steps = self.steps(map, Front::Backward);
         let is_done = self.advance((&passable.sectors, &steps), u32::MAX, stop);
