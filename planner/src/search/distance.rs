@@ -25,9 +25,9 @@ const BUCKETS: usize = 128;
 const STOP_INTERVAL: u32 = 64;
 /// The map is surveyed so far around the vehicle at first, in cells, and farther when the front gets there.
 const FIRST_SURVEY: usize = 192;
-/// After so many cells a front from the vehicle ends where all goals are behind it, or where it is after
-/// so many more.
+/// After so many cells a front from the vehicle ends once all goals are behind it.
 const ENOUGH: usize = 1 << 17;
+/// After so many it ends wherever they are.
 const MOST: usize = 1 << 18;
 /// A goal that is not come to after so many times its distance is not waited for.
 const MOST_DETOUR: f64 = 1.5;

@@ -1,5 +1,7 @@
 //! The memory of a search, reused from one to the next: states by cell, and the open list.
 
+use bytemuck::Zeroable;
+use bytemuck::allocation::zeroed_vec;
 use swath_bridge::GridSpec;
 
 use super::backward::Backward;
@@ -92,7 +94,7 @@ pub struct SearchMemory {
     pub(super) backward: Backward,
 }
 
-#[derive(Debug, Clone, Copy, Default)]
+#[derive(Debug, Clone, Copy, Zeroable)]
 struct CellSlot {
     generation: u32,
     /// Lower bound on the length from here to the goal, in units.
@@ -145,13 +147,13 @@ impl SearchMemory {
         turns: Option<Box<TurnBound>>,
     ) -> Result<(), Error> {
         spec.validate()?;
-        if turns.is_some() {
-            self.aims.resize(spec.len(), Aim::default());
+        // Pages that nothing is written to take no memory.
+        if turns.is_some() && self.aims.len() != spec.len() {
+            self.aims = zeroed_vec(spec.len());
         }
         self.turns = turns;
         if self.cells.len() != spec.len() || self.generation == u32::MAX {
-            self.cells.clear();
-            self.cells.resize(spec.len(), CellSlot::default());
+            self.cells = zeroed_vec(spec.len());
             self.generation = 0;
         }
         self.generation += 1;

@@ -24,7 +24,7 @@ use super::tree::{About, Stage, Tree, Weights};
 use super::trunk::Trunk;
 use super::{CellStep, Limits, SHORT_STOP_INTERVAL, TargetResult, floor_units, path};
 use crate::Plane;
-use crate::action::{ACTIONS, AHEAD, DIRECTIONS};
+use crate::action::{ACTIONS, AHEAD};
 use crate::collision::{CollisionMap, WORD};
 use crate::motion::{COST_UNITS, Side, Successors};
 
@@ -69,7 +69,7 @@ impl Aims {
     /// Makes sure that this is for the grid of a map.
     pub(super) fn prepare(&mut self, map: &CollisionMap) {
         let (spec, table) = (map.spec(), map.model().table());
-        if self.spec == Some(*spec) && self.angles.len() == DIRECTIONS {
+        if self.spec == Some(*spec) {
             return;
         }
         self.spec = Some(*spec);
