@@ -1,6 +1,7 @@
 //! How the vehicle moves over cells: the lookup table with the cells that each motion sweeps, and
 //! which turns its speed allows.
 
+mod arrivals;
 mod corridors;
 mod successors;
 
@@ -12,6 +13,7 @@ use crate::Error;
 use crate::action::{Action, ActionTable};
 use crate::kernel::Kernel;
 
+pub(crate) use arrivals::{ArrivalBlock, Arrivals, BLOCK, BLOCK_BITS};
 pub(crate) use corridors::{Corridors, SECTORS};
 pub use successors::Successors;
 pub(crate) use successors::{Fan, Preceding};

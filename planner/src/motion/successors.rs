@@ -6,7 +6,7 @@
 
 use std::ops::Range;
 
-use super::{MotionModel, Side, cost_units};
+use super::{Arrivals, MotionModel, Side, cost_units};
 use crate::action::{ACTIONS, Action, DIRECTIONS};
 use crate::collision::WORD;
 
@@ -25,11 +25,8 @@ pub struct Successors {
     first_actions: Vec<u16>,
     /// By action.
     preceding: Vec<Preceding>,
-    /// By action, and within it by side.
-    arrivals: Vec<[Range<usize>; 2]>,
-    /// Costs of arriving by an action, by the number of directions that the heading before it lies to
-    /// a side; `u32::MAX` where the action may not follow.
-    arrival_costs: Vec<u32>,
+    /// By action.
+    arrivals: Vec<Arrivals>,
 }
 
 /// The headings that an action may follow.
@@ -126,7 +123,6 @@ impl Successors {
             first_actions: (0..=DIRECTIONS).map(first_action).collect(),
             preceding: vec![Preceding::default(); ACTIONS],
             arrivals: Vec::with_capacity(ACTIONS),
-            arrival_costs: Vec::new(),
         };
         let by_length = |a: &&Action, b: &&Action| a.length_cells.total_cmp(&b.length_cells);
         if let Some(longest) = actions.iter().max_by(by_length) {
@@ -140,38 +136,23 @@ impl Successors {
         all
     }
 
-    /// Appends the costs of arriving by an action, as `fans` has them.
+    /// Appends what may come before an action.
     fn append_arrivals(&mut self, index: usize, direction: u8) {
-        let Preceding {
-            left_steps,
-            right_steps,
-            ..
-        } = self.preceding[index];
-        let sides = [(Side::Left, left_steps), (Side::Right, right_steps)];
-        self.arrivals.push(sides.map(|(side, most)| {
-            let first = self.arrival_costs.len();
-            for steps in 0..=most {
-                let heading = side.turned(direction, steps);
-                let fan = self.headings[usize::from(heading)].fans.clone();
-                let fan = self.fans[fan].iter().find(|fan| {
-                    fan.group == index / WORD && fan.allowed >> (index % WORD) & 1 != 0
-                });
-                let cost = fan.map_or(u32::MAX, |fan| fan.costs[index % WORD]);
-                self.arrival_costs.push(cost);
-            }
-            first..self.arrival_costs.len()
-        }));
+        let cost_of = |heading: u8| {
+            let fans = self.fans(heading).iter();
+            let costs = fans
+                .filter(|fan| fan.group == index / WORD)
+                .map(|fan| fan.costs[index % WORD]);
+            costs.sum()
+        };
+        let arrivals = Arrivals::new(direction, &self.preceding[index], cost_of);
+        self.arrivals.push(arrivals);
     }
 
-    /// What it costs to arrive by an action, turn and length, in units: for each side, by the number of
-    /// directions that the heading before it lies to that side; `u32::MAX` where it may not follow.
+    /// What may come before an action, and what it costs to arrive by it.
     #[inline]
-    pub(crate) fn arrivals(&self, action: usize) -> [(Side, &[u32]); 2] {
-        let [left, right] = &self.arrivals[action];
-        [
-            (Side::Left, &self.arrival_costs[left.clone()]),
-            (Side::Right, &self.arrival_costs[right.clone()]),
-        ]
+    pub(crate) fn arrivals(&self, action: usize) -> &Arrivals {
+        &self.arrivals[action]
     }
 
     /// Appends what may follow a heading.

@@ -211,6 +211,51 @@ impl Distances {
         }
     }
 
+    /// Measures on from the rim of an exact trunk: given by cell what a state of which the trunk's are not
+    /// part of a way costs at least, in units, as far as another one on the same map was measured. What is
+    /// then known of a cell bounds the cost of its states that are not in the trunk. False if `stop` ended it.
+    #[expect(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "a cast saturates, and grids have at most 2^24 cells"
+    )]
+    pub(super) fn measure_beyond(
+        &mut self,
+        (map, from_vehicle): (&CollisionMap, &Self),
+        rim: &mut [(u32, u32)],
+        stop: &dyn Fn() -> bool,
+    ) -> bool {
+        let (rows, cols) = size_of(map);
+        self.nearness.clear();
+        self.nearness.resize(rows * cols, 0);
+        self.begin(map, &[]);
+        let on = (
+            &from_vehicle.passable.sectors[..],
+            &self.steps(map, Front::Forward),
+        );
+        // A way into what was not surveyed is longer than the front that ended there.
+        let end = from_vehicle.front;
+        for (count, _) in rim.iter_mut() {
+            *count = (f64::from(*count) / self.units_per_count) as u32;
+        }
+        rim.sort_unstable();
+        for &(count, cell) in rim.iter().take_while(|(count, _)| *count < end) {
+            if !self.advance(on, count, stop) {
+                return false;
+            }
+            self.front = count;
+            let place = self.place(cell as usize);
+            if !count > self.nearness[place] {
+                self.nearness[place] = !count;
+                self.buckets[count as usize % BUCKETS].push(place as u32);
+                self.waiting += 1;
+            }
+        }
+        let is_done = self.advance(on, end, stop);
+        self.front = end;
+        is_done
+    }
+
     /// Measures all ways to any of the cells of a goal, given by row-major indices, on a map that was
     /// surveyed. False if `stop` ended it.
     pub(crate) fn measure_to(

@@ -9,6 +9,7 @@ use super::bound::{Aim, TurnBound};
 use super::open::OpenList;
 use crate::Error;
 use crate::action::DIRECTIONS;
+use crate::motion::{BLOCK, BLOCK_BITS};
 
 /// A cell and a direction, as one number.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, PartialOrd, Ord)]
@@ -21,6 +22,15 @@ impl State {
     )]
     pub(super) const fn new(cell: usize, direction: u8) -> Self {
         Self((cell as u32) << 8 | direction as u32)
+    }
+
+    /// The state of a cell in a block of directions, by its place there.
+    #[expect(
+        clippy::cast_possible_truncation,
+        reason = "grids have at most 2^24 cells of 2^3 blocks"
+    )]
+    pub(super) const fn in_block(cell: usize, number: usize, within: u32) -> Self {
+        Self((cell as u32) << 8 | (number as u32) << BLOCK_BITS | within)
     }
 
     pub(super) const fn cell(self) -> usize {
@@ -36,12 +46,9 @@ impl State {
     }
 }
 
-/// States of one cell that neighbour in direction and lie together: few of a cell's directions are
+/// States of one cell that neighbour in direction lie together, in blocks: few of a cell's directions are
 /// reached, and what is closer together is found sooner.
-const BLOCK_STATES: usize = 1 << BLOCK_BITS;
-const BLOCK_BITS: u32 = 5;
-/// Blocks of a cell.
-const BLOCKS: usize = DIRECTIONS / BLOCK_STATES;
+const BLOCKS: usize = DIRECTIONS / BLOCK;
 /// Stands for no block.
 const NO_BLOCK: u32 = u32::MAX;
 
@@ -183,13 +190,13 @@ impl SearchMemory {
     )]
     #[cold]
     fn claim_block(&mut self, cell: usize, block: usize) -> u32 {
-        let states = self.used_states..self.used_states + BLOCK_STATES;
+        let states = self.used_states..self.used_states + BLOCK;
         if self.costs.len() < states.end {
             self.costs.resize(states.end, u32::MAX);
             self.parents.resize(states.end, Parent::START);
         }
         self.costs[states.clone()].fill(u32::MAX);
-        let number = (states.start / BLOCK_STATES) as u32;
+        let number = (states.start / BLOCK) as u32;
         self.cells[cell].blocks[block] = number;
         self.used_states = states.end;
         number
@@ -292,7 +299,7 @@ mod tests {
             assert_eq!(memory.cost(place), 1);
             assert_eq!(memory.parent(state).step(), Some((5, 6)));
         }
-        assert_eq!(memory.costs.len(), BLOCK_STATES, "states are reused");
+        assert_eq!(memory.costs.len(), BLOCK, "states are reused");
         assert_eq!(memory.pop(), Some((state, 1)));
         assert_eq!(memory.pop(), None);
     }

@@ -25,7 +25,7 @@ use rayon::iter::{IntoParallelRefMutIterator, ParallelIterator};
 use swath_bridge::{Outcome, Pose2};
 
 use super::distance::Distances;
-use super::target::{Aims, Search, Shared};
+use super::target::{Aims, Known, Search, Shared};
 use super::tree::{Tree, Weights};
 use super::trunk::Trunk;
 use super::work::{Work, is_over};
@@ -87,7 +87,7 @@ pub struct Rules<'a> {
 struct Task<'a> {
     frame: &'a Frame<'a>,
     rules: &'a Rules<'a>,
-    trunk: &'a Trunk,
+    known: Known<'a>,
 }
 
 /// How many expansions each part of a frame's search is given.
@@ -106,6 +106,8 @@ pub(super) struct Effort {
     pub(super) few: u64,
     /// Of the searches for what is left then, before it is asked where paths are expected.
     pub(super) before_asking: u64,
+    /// Of the trunk near the vehicle again, for what even that leaves.
+    pub(super) wide: u64,
 }
 
 impl Default for Effort {
@@ -118,6 +120,7 @@ impl Default for Effort {
             first: 500,
             few: 20_000,
             before_asking: 2_000,
+            wide: 200_000,
         }
     }
 }
@@ -127,6 +130,25 @@ impl Effort {
     fn each_of_few(&self, work: &Work) -> u64 {
         self.few / work.left.len().max(1) as u64
     }
+
+    /// Of the next search for one of them, however many they are.
+    fn each_of_longer(&self, work: &Work) -> u64 {
+        self.each_of_few(work).max(FIRST_ROUND * self.first)
+    }
+}
+
+/// What is known of ways from the vehicle.
+#[derive(Debug, Default)]
+struct Trunks {
+    near: Trunk,
+    /// The same, and some ways farther off.
+    far: Trunk,
+    /// The same as `near`, and as exact farther off.
+    wide: Trunk,
+    /// What everything outside of `wide` costs at least.
+    beyond: Distances,
+    /// Where `wide` ends.
+    rim: Vec<(u32, u32)>,
 }
 
 /// Memory of all that targets share, reused from frame to frame.
@@ -135,9 +157,7 @@ pub struct FrameMemory {
     effort: Effort,
     aims: Aims,
     distances: Distances,
-    near: Trunk,
-    /// The same, and farther off.
-    far: Trunk,
+    trunks: Trunks,
     shared_steps: u64,
     /// By target, as far as they were asked for.
     regions: Vec<Option<Plane>>,
@@ -186,15 +206,27 @@ impl FrameMemory {
         if work.left.is_empty() || !self.prepare((frame, rules), &work)? {
             return Ok(work.results);
         }
-        let (near, mut far) = (take(&mut self.near), take(&mut self.far));
-        let searched = self.search_near((frame, rules), &mut work, (&near, &mut far));
-        self.shared_steps = near.steps();
-        if searched.is_ok() && !is_over(rules, &work) {
-            self.search_farther((frame, rules), &mut work, (&near, &mut far));
-            self.shared_steps = far.steps();
-        }
-        (self.near, self.far) = (near, far);
+        let mut trunks = take(&mut self.trunks);
+        let searched = self.search((frame, rules), &mut work, &mut trunks);
+        self.trunks = trunks;
         searched.map(|()| work.results)
+    }
+
+    fn search(
+        &mut self,
+        on: (&Frame<'_>, &Rules<'_>),
+        work: &mut Work,
+        trunks: &mut Trunks,
+    ) -> Result<(), Error> {
+        self.shared_steps = trunks.near.steps();
+        self.search_near(on, work, trunks)?;
+        if !is_over(on.1, work) {
+            self.search_farther(on, work, trunks);
+        }
+        if !is_over(on.1, work) {
+            self.search_on(on, work, trunks)?;
+        }
+        Ok(())
     }
 
     /// Searches for what the trunk's near states serve, while one thread makes the trunk go on.
@@ -202,7 +234,7 @@ impl FrameMemory {
         &mut self,
         (frame, rules): (&Frame<'_>, &Rules<'_>),
         work: &mut Work,
-        (near, far): (&Trunk, &mut Trunk),
+        Trunks { near, far, .. }: &mut Trunks,
     ) -> Result<(), Error> {
         let effort = self.effort;
         let on = (frame.map, frame.successors);
@@ -211,7 +243,7 @@ impl FrameMemory {
         let task = Task {
             frame,
             rules,
-            trunk: near,
+            known: Known::near(near),
         };
         far.follow(near, frame.map, work.unsolved())?;
         // One thread makes the trunk go on, while the others search without that.
@@ -226,94 +258,147 @@ impl FrameMemory {
         Ok(())
     }
 
-    /// One thread makes the far trunk go on by so many expansions; if time is short, the others search
-    /// with the near one until it is done, with so many for each target.
-    fn spread_meanwhile(
+    /// One thread does what serves all targets that are left, and is told when to stop; the others search
+    /// for these meanwhile, with so many expansions each, but under a deadline only until that is done.
+    fn search_meanwhile(
         &mut self,
-        (frame, rules): (&Frame<'_>, &Rules<'_>),
-        (near, far): (&Trunk, &mut Trunk),
-        work: &mut Work,
-        (most, each): (u64, u64),
+        task: &Task<'_>,
+        (work, each): (&mut Work, u64),
+        serve: impl FnOnce(&dyn Fn() -> bool) + Send,
     ) {
-        let limits = &rules.limits;
-        let left = work.left.clone();
-        let (is_spread, is_over) = (AtomicBool::new(false), AtomicBool::new(false));
-        let stop = || is_over.load(Ordering::Relaxed) || limits.asked().is_some();
+        let limits = task.rules.limits;
+        let (is_served, is_over) = (AtomicBool::new(false), AtomicBool::new(false));
+        let stop_serving = || is_over.load(Ordering::Relaxed) || limits.asked().is_some();
         let stop_search = || {
-            let is_spread = is_spread.load(Ordering::Relaxed);
+            let is_served = is_served.load(Ordering::Relaxed);
             limits
                 .asked()
-                .or(is_spread.then_some(Outcome::BudgetExhausted))
+                .or(is_served.then_some(Outcome::BudgetExhausted))
         };
         let rules = Rules {
             limits: Limits {
-                stop: Some(&stop_search),
-                ..*limits
+                stop: limits.stop.map(|_| &stop_search as _),
+                ..limits
             },
-            ..*rules
+            ..*task.rules
         };
         let task = Task {
-            frame,
             rules: &rules,
-            trunk: near,
+            ..*task
         };
         rayon::join(
             || {
-                if limits.stop.is_some() {
-                    self.search_for(&task, work, each);
-                    is_over.store(work.left.is_empty(), Ordering::Relaxed);
-                }
+                self.search_for(&task, work, each);
+                is_over.store(work.left.is_empty(), Ordering::Relaxed);
             },
             || {
-                far.spread((frame.map, frame.successors), &left, (most, &stop));
-                is_spread.store(true, Ordering::Relaxed);
+                serve(&stop_serving);
+                is_served.store(true, Ordering::Relaxed);
             },
         );
     }
 
-    /// Searches for the targets that are left, with the trunk's states farther off: without end, or in
-    /// rounds, each longer than the one before.
+    /// Searches for the targets that are left, with the trunk's states farther off.
     fn search_farther(
         &mut self,
         (frame, rules): (&Frame<'_>, &Rules<'_>),
         work: &mut Work,
-        (near, far): (&Trunk, &mut Trunk),
+        Trunks { near, far, .. }: &mut Trunks,
     ) {
-        let on = (frame, rules);
-        let least = FIRST_ROUND * self.effort.first;
-        let each = self.effort.each_of_few(work).max(least);
-        self.spread_meanwhile(on, (near, far), work, (self.effort.far, each));
+        let on = (frame.map, frame.successors);
+        let effort = self.effort;
         let task = Task {
             frame,
             rules,
-            trunk: far,
+            known: Known::near(near),
         };
-        let each = self.effort.each_of_few(work).max(least);
-        let mut each = self.search_longer_for_few(&task, work, each);
+        // Without a deadline it is better to wait for what serves all.
+        let meanwhile = |each| if rules.limits.stop.is_some() { each } else { 0 };
+        let each = effort.each_of_longer(work);
+        let left = work.left.clone();
+        self.search_meanwhile(&task, (work, meanwhile(each)), |stop| {
+            far.spread(on, &left, (effort.far, stop));
+        });
+        let farther = Task {
+            known: task.known.and_far(far),
+            ..task
+        };
+        let each = effort.each_of_longer(work);
+        let each = self.search_longer_for_few(&farther, work, each);
+        self.shared_steps = far.steps();
         if is_over(rules, work) {
             return;
         }
         far.refine(near, frame.map);
-        self.spread_meanwhile(on, (near, far), work, (self.effort.closer, each));
-        let task = &Task {
+        let left = work.left.clone();
+        self.search_meanwhile(&task, (work, meanwhile(each)), |stop| {
+            far.spread(on, &left, (effort.closer, stop));
+        });
+        self.shared_steps = far.steps();
+    }
+
+    /// Searches for what is left then: without end, or in rounds, each longer than the one before.
+    fn search_on(
+        &mut self,
+        (frame, rules): (&Frame<'_>, &Rules<'_>),
+        work: &mut Work,
+        trunks: &mut Trunks,
+    ) -> Result<(), Error> {
+        let on = (frame.map, frame.successors);
+        let Trunks {
+            near,
+            far,
+            wide,
+            beyond,
+            rim,
+        } = trunks;
+        let task = Task {
             frame,
             rules,
-            trunk: far,
+            known: Known::near(near).and_far(far),
         };
-        if task.frame.regions.is_some() {
+        if frame.regions.is_some() {
             // What the trunk decides needs no region.
-            self.search_for(task, work, self.effort.before_asking);
-            self.ask_regions(task, &work.left);
+            self.search_for(&task, work, self.effort.before_asking);
+            self.ask_regions(&task, &work.left);
         }
+        let mut each = self.effort.each_of_longer(work);
+        self.search_for(&task, work, each);
+        if is_over(rules, work) {
+            return Ok(());
+        }
+        each = each.saturating_mul(NEXT_ROUND);
+        work.put_unsolved_first();
+        wide.copy(near, frame.map)?;
+        let most = self.effort.wide;
+        self.search_meanwhile(&task, (work, each), |stop| {
+            wide.grow_on(on, (most, stop));
+        });
+        self.shared_steps += wide.steps() - near.steps();
+        wide.rim(rim);
+        let stop = || rules.limits.asked().is_some();
+        if is_over(rules, work) || !beyond.measure_beyond((frame.map, &self.distances), rim, &stop)
+        {
+            return Ok(());
+        }
+        let task = Task {
+            known: Known {
+                near: wide,
+                beyond: Some(beyond),
+                ..task.known
+            },
+            ..task
+        };
         // Under a deadline nothing that takes long keeps the others from their turn.
         if rules.limits.stop.is_none() {
             each = u64::MAX;
         }
         while !is_over(rules, work) {
-            work.put_unsolved_first();
-            self.search_for(task, work, each);
             each = each.saturating_mul(NEXT_ROUND);
+            work.put_unsolved_first();
+            self.search_for(&task, work, each);
         }
+        Ok(())
     }
 
     /// Searches with so many expansions each, and if few targets are left then, once more with more: for
@@ -375,7 +460,7 @@ impl FrameMemory {
         self.regions.clear();
         self.aims.prepare(map);
         let stop = || rules.limits.asked().is_some();
-        let (distances, trunk) = (&mut self.distances, &mut self.near);
+        let (distances, trunk) = (&mut self.distances, &mut self.trunks.near);
         let near_steps = self.effort.near;
         let (is_measured, is_grown) = rayon::join(
             || distances.measure(map, &work.goals, &stop),
@@ -393,7 +478,7 @@ impl FrameMemory {
             steps_of: cell_steps(frame.map),
             aims: &self.aims,
             distances: &self.distances,
-            trunk: task.trunk,
+            known: task.known,
             regions: &self.regions,
         };
         let weights = Weights::new(epsilon, 1.0 + WEIGHT_SHARE * (epsilon - 1.0));

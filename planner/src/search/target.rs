@@ -19,14 +19,29 @@ use swath_bridge::{GridSpec, Outcome};
 use super::bound::{Aim, ROUNDING, parts_of_turn};
 use super::distance::{Distances, NO_WAY};
 use super::goal::Goal;
-use super::memory::{Parent, Place, State};
-use super::tree::{About, Stage, Tree, Weights};
+use super::memory::{Parent, State};
+use super::tree::{About, Block, Stage, Tree, Weights, split};
 use super::trunk::Trunk;
 use super::{CellStep, Limits, SHORT_STOP_INTERVAL, TargetResult, floor_units, path};
 use crate::Plane;
 use crate::action::{ACTIONS, AHEAD};
 use crate::collision::{CollisionMap, WORD};
-use crate::motion::{COST_UNITS, Side, Successors};
+use crate::motion::{ArrivalBlock, COST_UNITS, Successors};
+
+/// Greatest cost of a state that is expanded, so that sums do not wrap: some 4 km, of which no step is
+/// more than a thousandth.
+const MOST_COST: u32 = u32::MAX - (u32::MAX >> 4);
+
+/// What is known of ways from the vehicle.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Known<'a> {
+    /// Near it, exactly.
+    pub(super) near: &'a Trunk,
+    /// Lower bounds on the costs of all other states, if they were measured.
+    pub(super) beyond: Option<&'a Distances>,
+    /// Some ways farther off, if there are any yet.
+    pub(super) far: Option<&'a Trunk>,
+}
 
 /// What all targets of a frame share.
 #[derive(Debug)]
@@ -36,9 +51,35 @@ pub(super) struct Shared<'a> {
     pub(super) steps_of: [CellStep; ACTIONS],
     pub(super) aims: &'a Aims,
     pub(super) distances: &'a Distances,
-    pub(super) trunk: &'a Trunk,
+    pub(super) known: Known<'a>,
     /// By target: where its path is expected; empty if nothing is known of any.
     pub(super) regions: &'a [Option<Plane>],
+}
+
+impl<'a> Known<'a> {
+    /// What is known at first.
+    pub(super) const fn near(near: &'a Trunk) -> Self {
+        Self {
+            near,
+            beyond: None,
+            far: None,
+        }
+    }
+
+    /// The same, and ways farther off.
+    pub(super) const fn and_far(self, far: &'a Trunk) -> Self {
+        Self {
+            far: Some(far),
+            ..self
+        }
+    }
+
+    /// Lower bound on the cost of a state on a cell that is not near, in units; [`NO_WAY`] if there is no
+    /// way to one.
+    fn least_beyond(&self, at: (usize, usize)) -> u32 {
+        let measured = self.beyond.map_or(0, |beyond| beyond.to(at));
+        measured.max(self.near.radius())
+    }
 }
 
 impl Shared<'_> {
@@ -50,6 +91,7 @@ impl Shared<'_> {
         let about = self.aims.about(self.map, at);
         About {
             length: about.length.max(self.distances.to(at)),
+            beyond: self.known.least_beyond(at),
             ..about
         }
     }
@@ -117,7 +159,29 @@ fn about(spec: &GridSpec, (row, col): (usize, usize)) -> About {
         slack: ROUNDING,
         rest: floor_units(bearing_rad.abs()),
     };
-    About { length, aim }
+    About {
+        length,
+        aim,
+        ..About::default()
+    }
+}
+
+/// What is known of the states of a cell in one block of directions.
+struct Here {
+    cell: usize,
+    number: usize,
+    block: Block,
+    about: About,
+    /// Where they are among the ways from the vehicle, if they may be there.
+    near: Option<Block>,
+    far: Option<Block>,
+}
+
+/// Where a path from a goal backward meets a way from the vehicle.
+#[derive(Debug, Clone, Copy)]
+struct Meeting<'a> {
+    state: State,
+    trunk: &'a Trunk,
 }
 
 /// How a search ended.
@@ -144,9 +208,11 @@ pub(super) struct Search<'a> {
     weights: Weights,
     /// States outside are expanded as late as the bound allows.
     region: Option<&'a Plane>,
-    /// Cost of the best path so far, in units, and the state in which it meets the trunk.
-    best: Option<(u32, State)>,
+    /// Cost of the best path so far, in units, and where it meets ways from the vehicle.
+    best: Option<(u32, Meeting<'a>)>,
     steps: u64,
+    /// Whether a state was not expanded because of its cost.
+    is_cut_off: bool,
 }
 
 impl<'a> Search<'a> {
@@ -159,6 +225,7 @@ impl<'a> Search<'a> {
             region: None,
             best: None,
             steps: 0,
+            is_cut_off: false,
         }
     }
 
@@ -167,15 +234,16 @@ impl<'a> Search<'a> {
         self.region = self.shared.regions.get(number).and_then(Option::as_ref);
         let mut least = NO_WAY;
         for state in goal.states() {
-            let place = self.place(state);
-            least = least.min(self.least(state));
-            self.reach(state, place, (0, Parent::START));
+            let (number, within) = split(state);
+            let block = self.block(state.cell(), number);
+            let here = self.here((state.cell(), number), block);
+            least = least.min(self.reach((&here, within), (0, Parent::START)));
         }
         // A path over the trunk's far states is good enough if it is within the bound of this bound.
         let far_enough = self.weights.ceiling(u64::from(least));
-        let is_spread = self.shared.trunk.is_spread();
-        if let Some((_, state)) = self.best.filter(|best| is_spread && best.0 <= far_enough) {
-            return End::decided(self.trace(state, least));
+        let is_spread = self.shared.known.far.is_some();
+        if let Some((_, meeting)) = self.best.filter(|best| is_spread && best.0 <= far_enough) {
+            return End::decided(self.trace(meeting, least));
         }
         let mut dropped = 0u64;
         while let Some((state, place, key)) = self.tree.pop() {
@@ -187,10 +255,7 @@ impl<'a> Search<'a> {
             }
             let cost = self.tree.cost(place);
             if let Some((best, _)) = self.best
-                && self
-                    .weights
-                    .ceiling(u64::from(cost) + u64::from(self.least(state)))
-                    >= best
+                && self.greatest_key(state, cost) >= best
             {
                 dropped += 1;
                 if dropped.is_multiple_of(SHORT_STOP_INTERVAL)
@@ -205,7 +270,12 @@ impl<'a> Search<'a> {
             self.expand(state, cost);
         }
         let least = self.best.map_or(0, |(cost, _)| self.weights.floor(cost));
-        End::decided(self.so_far((Outcome::Unreachable, least)))
+        let without_path = if self.is_cut_off {
+            Outcome::BudgetExhausted
+        } else {
+            Outcome::Unreachable
+        };
+        End::decided(self.so_far((without_path, least)))
     }
 
     fn stopped(&self, outcome: Outcome, least: u32) -> End {
@@ -218,16 +288,15 @@ impl<'a> Search<'a> {
     /// The best path so far where every path costs at least so much, or else an outcome.
     fn so_far(&self, (outcome, least): (Outcome, u32)) -> TargetResult {
         match self.best {
-            Some((_, state)) => self.trace(state, least),
+            Some((_, meeting)) => self.trace(meeting, least),
             None => TargetResult::without_path(outcome, self.steps),
         }
     }
 
     /// The path through a state where it meets the trunk, if every path costs at least so much.
-    fn trace(&self, meeting: State, least: u32) -> TargetResult {
-        let (map, trunk) = (self.shared.map, self.shared.trunk);
-        let mut actions = path::actions_to(map, |state| trunk.parent(state), meeting);
-        let mut state = meeting;
+    fn trace(&self, meeting: Meeting<'_>, least: u32) -> TargetResult {
+        let (map, Meeting { mut state, trunk }) = (self.shared.map, meeting);
+        let mut actions = path::actions_to(map, |state| trunk.parent(state), state);
         while let Some((action, _)) = self.tree.parent(state).step() {
             actions.push(action);
             let step = self.shared.steps_of[usize::from(action)];
@@ -241,18 +310,16 @@ impl<'a> Search<'a> {
         }
     }
 
-    #[inline]
-    fn place(&mut self, state: State) -> Place {
-        let shared = self.shared;
-        self.tree.place(state, |cell| shared.about(cell))
-    }
-
     /// Reaches the states from which one action leads to a state.
     #[expect(clippy::cast_possible_truncation, reason = "there are 368 actions")]
     fn expand(&mut self, to: State, cost: u32) {
         let (map, successors) = (self.shared.map, self.shared.successors);
         let (rows, cols) = (map.spec().rows as usize, map.spec().cols as usize);
         let (row, col) = (to.cell() / cols, to.cell() % cols);
+        if cost > MOST_COST {
+            self.is_cut_off = true;
+            return;
+        }
         for index in successors.actions_of(to.direction()) {
             let action = &map.model().table().actions()[index];
             let row = row.wrapping_add_signed(-action.d_row as isize);
@@ -264,96 +331,126 @@ impl<'a> Search<'a> {
             if chords >> (index % WORD) & 1 != 0 {
                 continue;
             }
-            for (side, costs) in successors.arrivals(index) {
-                let from = (row * cols + col, to.direction());
-                self.reach_side((from, index as u16), cost, (side, costs));
+            let arrivals = successors.arrivals(index);
+            let turnable = arrivals.turnable(|group| map.blocked_turns(group, (row, col)));
+            for block in arrivals.blocks() {
+                let allowed = block.allowed & turnable.of_block(block.number);
+                if allowed != 0 {
+                    let to = (row * cols + col, index as u16);
+                    self.reach_block(to, (block, allowed), cost);
+                }
             }
         }
     }
 
-    /// Reaches the headings that lie to a side of a direction, as far as turning from them is free.
-    fn reach_side(
+    /// Reaches those of a cell's headings in a block that are allowed before an action.
+    fn reach_block(
         &mut self,
-        ((cell, direction), action): ((usize, u8), u16),
+        (cell, action): (usize, u16),
+        (arrivals, allowed): (&ArrivalBlock, u32),
         cost: u32,
-        (side, costs): (Side, &[u32]),
     ) {
-        let map = self.shared.map;
-        let cols = map.spec().cols as usize;
-        let at = (cell / cols, cell % cols);
-        let (mut group, mut blocked) = (usize::MAX, 0);
-        for (steps, &step) in (0u8..).zip(costs) {
-            if steps > 0 {
-                let turn = usize::from(side.passed(direction, steps - 1));
-                if turn / WORD != group {
-                    group = turn / WORD;
-                    blocked = map.blocked_turns(group, at);
-                }
-                if blocked >> (turn % WORD) & 1 != 0 {
-                    break;
-                }
-            }
-            // Straight on is to both sides; going there once is enough.
-            if step == u32::MAX || (steps == 0 && side == Side::Right) {
-                continue;
-            }
-            let state = State::new(cell, side.turned(direction, steps));
-            let place = self.place(state);
-            let cost = cost.saturating_add(step);
-            if cost < self.tree.cost(place) {
-                self.reach(state, place, (cost, Parent::new(action, 0)));
-            }
+        let block = self.block(cell, arrivals.number);
+        let mut improved = self.tree.improved(block, (arrivals, cost)) & allowed;
+        if improved == 0 {
+            return;
+        }
+        let here = self.here((cell, arrivals.number), block);
+        while improved != 0 {
+            let within = improved.trailing_zeros();
+            improved &= improved - 1;
+            let cost = cost + arrivals.costs[within as usize];
+            self.reach((&here, within), (cost, Parent::new(action, 0)));
         }
     }
 
-    /// Lower bound on the cost from the vehicle to a state, in units; [`NO_WAY`] if there is none.
+    /// The block of a cell with this number.
     #[inline]
-    fn least(&self, state: State) -> u32 {
-        let about = self.tree.about(state.cell());
+    fn block(&mut self, cell: usize, number: usize) -> Block {
+        let shared = self.shared;
+        self.tree.block(cell, number, |cell| shared.about(cell))
+    }
+
+    /// What is known of a block's states.
+    #[inline]
+    fn here(&self, (cell, number): (usize, usize), block: Block) -> Here {
+        let known = &self.shared.known;
+        let about = *self.tree.about(cell);
+        let is_near = about.length < known.near.radius();
+        Here {
+            cell,
+            number,
+            block,
+            about,
+            near: is_near.then(|| known.near.block(cell, number)).flatten(),
+            far: known.far.and_then(|far| far.block(cell, number)),
+        }
+    }
+
+    /// The greatest key of a state that was reached at a cost.
+    fn greatest_key(&self, state: State, cost: u32) -> u32 {
+        let (near, about) = (self.shared.known.near, self.tree.about(state.cell()));
+        let (number, within) = split(state);
+        let is_near = about.length < near.radius();
+        let exact = is_near
+            .then(|| near.block(state.cell(), number))
+            .flatten()
+            .and_then(|block| near.exact_cost(block.place(within)));
+        let rest = exact.unwrap_or_else(|| self.least(about, state.direction()));
+        self.weights.ceiling(u64::from(cost) + u64::from(rest))
+    }
+
+    /// Lower bound on the cost from the vehicle to a state that is not near it, in units; [`NO_WAY`] if
+    /// there is none.
+    #[inline]
+    fn least(&self, about: &About, direction: u8) -> u32 {
         if about.length == NO_WAY {
             return NO_WAY;
         }
-        let trunk = self.shared.trunk;
-        if about.length < trunk.radius()
-            && let Some(cost) = trunk.exact_cost(state)
-        {
-            return cost;
-        }
-        let angle = self.shared.aims.angles[usize::from(state.direction())];
+        let angle = self.shared.aims.angles[usize::from(direction)];
         let turns = about.aim.rest + about.aim.least_off(angle);
-        about.length.saturating_add(turns).max(trunk.radius())
+        about.length.saturating_add(turns).max(about.beyond)
     }
 
+    /// Reaches a state at a lower cost than before. Gives the lower bound on what is before it.
     #[inline]
-    fn reach(&mut self, to: State, place: Place, (cost, parent): (u32, Parent)) {
+    fn reach(&mut self, (here, within): (&Here, u32), (cost, parent): (u32, Parent)) -> u32 {
+        let place = here.block.place(within);
+        let to = State::in_block(here.cell, here.number, within);
         self.tree.improve(place, cost, parent);
-        let rest = self.least(to);
-        if rest == NO_WAY {
-            return;
-        }
-        let trunk = self.shared.trunk;
-        if self.tree.about(to.cell()).length < trunk.radius() && trunk.exact_cost(to).is_some() {
+        let Known { near, far, .. } = self.shared.known;
+        if let Some(block) = here.near
+            && let Some(exact) = near.exact_cost(block.place(within))
+        {
             // What comes before this state is known to be no better.
-            return self.meet(to, cost.saturating_add(rest));
+            self.meet((to, near), cost.saturating_add(exact));
+            return exact;
         }
-        if let Some(far) = trunk.far_cost(to) {
-            self.meet(to, cost.saturating_add(far));
+        let rest = self.least(&here.about, to.direction());
+        if rest == NO_WAY {
+            return NO_WAY;
+        }
+        if let (Some(far), Some(block)) = (far, here.far)
+            && let Some(way) = far.far_cost(block.place(within))
+        {
+            self.meet((to, far), cost.saturating_add(way));
         }
         let best = self.best.map(|(best, _)| best);
         let is_late = match self.region {
             Some(region) => !region.get_index(to.cell()),
             // What short searches leave is decided by what can be ruled out, not by what is found first.
-            None => trunk.is_spread(),
+            None => far.is_some(),
         };
         self.tree
             .enqueue((to, place), self.weights, (cost, rest, is_late), best);
+        rest
     }
 
     /// Takes note of a path through a state.
     #[inline]
-    fn meet(&mut self, state: State, cost: u32) {
+    fn meet(&mut self, (state, trunk): (State, &'a Trunk), cost: u32) {
         if self.best.is_none_or(|(best, _)| cost < best) {
-            self.best = Some((cost, state));
+            self.best = Some((cost, Meeting { state, trunk }));
         }
     }
 }

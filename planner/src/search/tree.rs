@@ -20,11 +20,12 @@ use super::memory::{Parent, Place, State};
 use super::open::OpenList;
 use crate::Error;
 use crate::action::DIRECTIONS;
+use crate::motion::{ArrivalBlock, BLOCK, BLOCK_BITS};
 
-/// States that neighbour in direction and lie together, as in `SearchMemory`.
-const BLOCK_BITS: u32 = 5;
-const BLOCK_STATES: usize = 1 << BLOCK_BITS;
-const BLOCKS: usize = DIRECTIONS / BLOCK_STATES;
+/// States of a cell that neighbour in direction lie together.
+const BLOCKS: usize = DIRECTIONS / BLOCK;
+/// Memory is asked for so many blocks at once, 17 MiB.
+const FIRST_BLOCKS: usize = 1 << 16;
 /// Stands for no block. Memory of a large grid begins as zeros, which takes none until it is written to.
 const NO_BLOCK: u32 = 0;
 /// Fractions of weights are counted in this.
@@ -51,6 +52,8 @@ pub(super) struct About {
     pub(super) length: u32,
     /// For the lower bound on turns.
     pub(super) aim: Aim,
+    /// Lower bound on the cost of a state that is in no exact trunk, in units.
+    pub(super) beyond: u32,
 }
 
 #[derive(Debug, Clone, Copy, Default, Zeroable)]
@@ -61,6 +64,52 @@ struct CellSlot {
     blocks: [u32; BLOCKS],
 }
 
+/// Costs of the best ways to a block's states, in units; `u32::MAX` where there is none yet. They fill
+/// whole cache lines.
+#[derive(Debug, Clone, Copy)]
+#[repr(align(64))]
+struct Costs([u32; BLOCK]);
+
+impl Costs {
+    const NONE: Self = Self([u32::MAX; BLOCK]);
+
+    /// A bit for each of the states that is come to at a lower cost through one of cost `cost`; what is
+    /// not allowed counts too.
+    #[inline]
+    fn improved_by(&self, cost: u32, block: &ArrivalBlock) -> u32 {
+        let mut bytes = [0u8; BLOCK];
+        for ((byte, known), step) in bytes.iter_mut().zip(&self.0).zip(&block.costs) {
+            *byte = u8::from(cost.wrapping_add(*step) < *known);
+        }
+        let (mut bits, mut shift) = (0, 0);
+        for eight in bytes.as_chunks::<8>().0 {
+            // The lowest bits of eight bytes, moved next to one another.
+            let eight = u64::from_le_bytes(*eight).wrapping_mul(0x0102_0408_1020_4080) >> 56;
+            bits |= (eight as u32) << shift;
+            shift += 8;
+        }
+        bits
+    }
+}
+
+/// Where the states of a cell are kept that share a block of directions.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Block(u32);
+
+impl Block {
+    /// The place of one of them.
+    #[inline]
+    pub(super) const fn place(self, within: u32) -> Place {
+        Place(self.0 << BLOCK_BITS | within)
+    }
+}
+
+/// The block of a place, and the place within it.
+#[inline]
+const fn split_place(Place(place): Place) -> (usize, usize) {
+    ((place >> BLOCK_BITS) as usize, place as usize % BLOCK)
+}
+
 /// States with the best ways to them, in memory that is reused from search to search.
 #[derive(Debug, Default)]
 pub(super) struct Tree {
@@ -68,10 +117,11 @@ pub(super) struct Tree {
     cells: Vec<CellSlot>,
     /// Numbers of the cells that were reached.
     reached: Vec<u32>,
-    costs: Vec<u32>,
-    parents: Vec<Parent>,
-    stages: Vec<Stage>,
-    used_states: usize,
+    /// By block, and within it by direction.
+    costs: Vec<Costs>,
+    parents: Vec<[Parent; BLOCK]>,
+    stages: Vec<[Stage; BLOCK]>,
+    used_blocks: usize,
     pub(super) open: OpenList,
 }
 
@@ -86,15 +136,14 @@ impl Tree {
         self.generation += 1;
         self.reached.clear();
         // The first block stands for none.
-        self.used_states = BLOCK_STATES;
-        self.reserve(self.used_states);
+        self.used_blocks = 1;
+        self.reserve();
         self.open.clear();
         Ok(())
     }
 
     /// Becomes the same as another one on the same grid, in memory that was made ready for it.
     pub(super) fn copy(&mut self, other: &Self) {
-        let used = ..other.used_states;
         self.reached.clone_from(&other.reached);
         for &cell in &other.reached {
             let cell = cell as usize;
@@ -103,20 +152,28 @@ impl Tree {
                 ..other.cells[cell]
             };
         }
-        self.reserve(other.used_states);
+        self.used_blocks = other.used_blocks;
+        self.reserve();
+        let used = ..other.used_blocks;
         self.costs[used].copy_from_slice(&other.costs[used]);
         self.parents[used].copy_from_slice(&other.parents[used]);
         self.stages[used].copy_from_slice(&other.stages[used]);
-        self.used_states = other.used_states;
         self.open.copy(&other.open);
     }
 
-    /// Makes sure that there are so many states.
-    fn reserve(&mut self, states: usize) {
-        if self.costs.len() < states {
-            self.costs.resize(states, u32::MAX);
-            self.parents.resize(states, Parent::START);
-            self.stages.resize(states, Stage::New);
+    /// Makes sure that there are so many blocks as are used.
+    fn reserve(&mut self) {
+        let more = self.used_blocks.saturating_sub(self.costs.len());
+        if more > 0 {
+            // Pages that nothing is written to take no memory.
+            let more_at_first = FIRST_BLOCKS.saturating_sub(self.costs.len()).max(more);
+            self.costs.reserve(more_at_first);
+            self.parents.reserve(more_at_first);
+            self.stages.reserve(more_at_first);
+            self.costs.resize(self.used_blocks, Costs::NONE);
+            self.parents
+                .resize(self.used_blocks, [Parent::START; BLOCK]);
+            self.stages.resize(self.used_blocks, [Stage::New; BLOCK]);
         }
     }
 
@@ -125,45 +182,66 @@ impl Tree {
         reason = "grids have at most 2^24 cells of 2^3 blocks"
     )]
     #[cold]
-    fn claim_block(&mut self, cell: usize, block: usize) -> u32 {
-        let states = self.used_states..self.used_states + BLOCK_STATES;
-        self.reserve(states.end);
-        self.costs[states.clone()].fill(u32::MAX);
-        self.stages[states.clone()].fill(Stage::New);
-        let number = (states.start / BLOCK_STATES) as u32;
-        self.cells[cell].blocks[block] = number;
-        self.used_states = states.end;
-        number
+    fn claim_block(&mut self, cell: usize, block: usize) -> Block {
+        let number = self.used_blocks;
+        self.used_blocks += 1;
+        self.reserve();
+        self.costs[number] = Costs::NONE;
+        self.stages[number] = [Stage::New; BLOCK];
+        self.cells[cell].blocks[block] = number as u32;
+        Block(number as u32)
+    }
+
+    /// A block of a cell. If that was not reached before, `about` is asked about it.
+    #[inline]
+    pub(super) fn block(
+        &mut self,
+        cell: usize,
+        block: usize,
+        about: impl FnOnce(usize) -> About,
+    ) -> Block {
+        let slot = &mut self.cells[cell];
+        if slot.generation != self.generation {
+            *slot = CellSlot {
+                generation: self.generation,
+                about: about(cell),
+                ..CellSlot::default()
+            };
+            self.reached.push(State::new(cell, 0).0 >> u8::BITS);
+        }
+        match slot.blocks[block] {
+            NO_BLOCK => self.claim_block(cell, block),
+            number => Block(number),
+        }
+    }
+
+    /// A block of a cell, if a state in it may have been reached.
+    #[inline]
+    pub(super) fn find_block(&self, cell: usize, block: usize) -> Option<Block> {
+        let slot = &self.cells[cell];
+        let number = slot.blocks[block];
+        (slot.generation == self.generation && number != NO_BLOCK).then_some(Block(number))
     }
 
     /// The place of a state. If its cell was not reached before, `about` is asked about it.
     #[inline]
     pub(super) fn place(&mut self, state: State, about: impl FnOnce(usize) -> About) -> Place {
-        let slot = &mut self.cells[state.cell()];
-        if slot.generation != self.generation {
-            *slot = CellSlot {
-                generation: self.generation,
-                about: about(state.cell()),
-                ..CellSlot::default()
-            };
-            self.reached.push(state.0 >> u8::BITS);
-        }
         let (block, within) = split(state);
-        let mut number = slot.blocks[block];
-        if number == NO_BLOCK {
-            number = self.claim_block(state.cell(), block);
-        }
-        Place(number << BLOCK_BITS | within)
+        self.block(state.cell(), block, about).place(within)
     }
 
     /// The place of a state that may not have been reached.
     #[inline]
     pub(super) fn find(&self, state: State) -> Option<Place> {
-        let slot = &self.cells[state.cell()];
         let (block, within) = split(state);
-        let number = slot.blocks[block];
-        (slot.generation == self.generation && number != NO_BLOCK)
-            .then_some(Place(number << BLOCK_BITS | within))
+        Some(self.find_block(state.cell(), block)?.place(within))
+    }
+
+    /// Which states of a block are come to at a lower cost, from one of cost `cost` behind what follows
+    /// them; a bit for each.
+    #[inline]
+    pub(super) fn improved(&self, block: Block, (arrivals, cost): (&ArrivalBlock, u32)) -> u32 {
+        self.costs[block.0 as usize].improved_by(cost, arrivals)
     }
 
     /// What is known of a cell that was reached.
@@ -175,24 +253,32 @@ impl Tree {
     /// Cost of the best way to a state, in units; `u32::MAX` if there is none yet.
     #[inline]
     pub(super) fn cost(&self, place: Place) -> u32 {
-        self.costs[place.0 as usize]
+        {
+            let (b, w) = split_place(place);
+            self.costs[b].0[w]
+        }
     }
 
     #[inline]
     pub(super) fn stage(&self, place: Place) -> Stage {
-        self.stages[place.0 as usize]
+        {
+            let (b, w) = split_place(place);
+            self.stages[b][w]
+        }
     }
 
     #[inline]
     pub(super) fn set_stage(&mut self, place: Place, stage: Stage) {
-        self.stages[place.0 as usize] = stage;
+        let (block, within) = split_place(place);
+        self.stages[block][within] = stage;
     }
 
     /// Notes a better way to a state.
     #[inline]
     pub(super) fn improve(&mut self, place: Place, cost: u32, parent: Parent) {
-        self.costs[place.0 as usize] = cost;
-        self.parents[place.0 as usize] = parent;
+        let (block, within) = split_place(place);
+        self.costs[block].0[within] = cost;
+        self.parents[block][within] = parent;
     }
 
     /// Puts a state that was improved on the open list, unless its greatest key is not below `best`.
@@ -258,18 +344,36 @@ impl Tree {
         }
     }
 
+    /// By cell that was reached: the least cost of its states that were not expanded, in units.
+    pub(super) fn least_waiting(&self) -> impl Iterator<Item = (u32, u32)> {
+        self.reached.iter().filter_map(|&cell| {
+            let blocks = self.cells[cell as usize].blocks.into_iter();
+            let states = blocks.filter(|&block| block != NO_BLOCK).flat_map(|block| {
+                let (costs, stages) = (self.costs[block as usize].0, self.stages[block as usize]);
+                costs.into_iter().zip(stages)
+            });
+            let waiting = states.filter(|&(_, stage)| stage != Stage::Expanded);
+            let least = waiting.map(|(cost, _)| cost).min()?;
+            (least != u32::MAX).then_some((least, cell))
+        })
+    }
+
     /// How a state that was reached was reached.
     pub(super) fn parent(&self, state: State) -> Parent {
-        self.find(state)
-            .map_or(Parent::START, |place| self.parents[place.0 as usize])
+        self.find(state).map_or(Parent::START, |place| {
+            let (b, w) = split_place(place);
+            self.parents[b][w]
+        })
     }
 }
 
 #[inline]
-fn split(state: State) -> (usize, u32) {
-    let direction = u32::from(state.direction());
-    let within = direction & ((1 << BLOCK_BITS) - 1);
-    ((direction >> BLOCK_BITS) as usize, within)
+pub(super) fn split(state: State) -> (usize, u32) {
+    let direction = state.direction();
+    (
+        usize::from(direction) / BLOCK,
+        u32::from(direction) & ((1 << BLOCK_BITS) - 1),
+    )
 }
 
 /// How keys are made of costs.

@@ -5,9 +5,9 @@
 //! It bounds optima from above only.
 
 use super::goal::Goal;
-use super::memory::{Parent, State};
+use super::memory::{Parent, Place, State};
 use super::sieve::{Grain, Sieve};
-use super::tree::{About, Stage, Tree};
+use super::tree::{About, Block, Stage, Tree};
 use super::{CellStep, Way, cell_steps, each_free_fan, each_step, start_of};
 use crate::Error;
 use crate::action::ACTIONS;
@@ -24,8 +24,6 @@ pub(super) struct Trunk {
     steps: u64,
     /// States that were not expanded near the vehicle cost at least this.
     radius: u32,
-    /// Whether there are states farther off.
-    is_spread: bool,
     fine: Sieve,
     coarse: Sieve,
     /// Goals that were not reached, with their numbers.
@@ -44,16 +42,25 @@ impl Trunk {
         (most, stop): (u64, &dyn Fn() -> bool),
     ) -> Result<bool, Error> {
         self.tree.prepare(map.spec())?;
-        self.is_spread = false;
         self.steps = 0;
-        self.radius = u32::MAX;
         let start = start_of(map);
         let place = self.tree.place(start, |_| About::default());
         self.tree.improve(place, 0, Parent::START);
         self.tree.push(start, 0);
+        Ok(self.grow_on((map, successors), (most, stop)))
+    }
+
+    /// Expands so many more states. False if `stop` ended it.
+    pub(super) fn grow_on(
+        &mut self,
+        (map, successors): (&CollisionMap, &Successors),
+        (most, stop): (u64, &dyn Fn() -> bool),
+    ) -> bool {
         let mut expander = Expander::new(map, successors);
+        let end = self.steps + most;
+        self.radius = u32::MAX;
         while let Some((state, place, key)) = self.tree.pop() {
-            if self.steps == most {
+            if self.steps == end {
                 self.radius = key;
                 self.tree.push(state, key);
                 break;
@@ -62,10 +69,20 @@ impl Trunk {
             self.steps += 1;
             expander.expand(&mut self.tree, (state, key));
             if self.steps.is_multiple_of(STOP_INTERVAL) && stop() {
-                return Ok(false);
+                self.radius = key;
+                return false;
             }
         }
-        Ok(true)
+        true
+    }
+
+    /// Becomes the same as another one.
+    pub(super) fn copy(&mut self, near: &Self, map: &CollisionMap) -> Result<(), Error> {
+        self.tree.prepare(map.spec())?;
+        self.tree.copy(&near.tree);
+        self.steps = near.steps;
+        self.radius = near.radius;
+        Ok(())
     }
 
     /// Begins where another one ended, to go on farther off towards goals that have numbers.
@@ -75,11 +92,7 @@ impl Trunk {
         map: &CollisionMap,
         goals: impl Iterator<Item = (usize, &'a Goal)>,
     ) -> Result<(), Error> {
-        self.tree.prepare(map.spec())?;
-        self.tree.copy(&near.tree);
-        self.steps = near.steps;
-        self.radius = near.radius;
-        self.is_spread = true;
+        self.copy(near, map)?;
         self.unreached.clear();
         self.unreached
             .extend(goals.map(|(number, goal)| (number, goal.clone())));
@@ -135,6 +148,12 @@ impl Trunk {
         }
     }
 
+    /// What the states that were reached and not expanded cost at least, in units, and their cells.
+    pub(super) fn rim(&self, into: &mut Vec<(u32, u32)>) {
+        into.clear();
+        into.extend(self.tree.least_waiting());
+    }
+
     /// Expansions so far.
     pub(super) const fn steps(&self) -> u64 {
         self.steps
@@ -147,26 +166,22 @@ impl Trunk {
         self.radius
     }
 
+    /// Where the states of a cell are kept that share a block of directions, if any was reached.
+    #[inline]
+    pub(super) fn block(&self, cell: usize, block: usize) -> Option<Block> {
+        self.tree.find_block(cell, block)
+    }
+
     /// The least cost to a state near the vehicle.
     #[inline]
-    pub(super) fn exact_cost(&self, state: State) -> Option<u32> {
-        let place = self.tree.find(state)?;
+    pub(super) fn exact_cost(&self, place: Place) -> Option<u32> {
         (self.tree.stage(place) == Stage::Expanded).then(|| self.tree.cost(place))
     }
 
     /// The cost of some way to a state farther off.
     #[inline]
-    pub(super) fn far_cost(&self, state: State) -> Option<u32> {
-        if !self.is_spread {
-            return None;
-        }
-        let place = self.tree.find(state)?;
+    pub(super) fn far_cost(&self, place: Place) -> Option<u32> {
         Some(self.tree.cost(place)).filter(|&cost| cost != u32::MAX)
-    }
-
-    /// Whether there are states farther off.
-    pub(super) const fn is_spread(&self) -> bool {
-        self.is_spread
     }
 
     /// How a state was reached.

@@ -167,5 +167,6 @@ fn about_cell(map: &CollisionMap, goal: &Goal, cell: usize) -> About {
     About {
         length: floor_units(goal.distance_left(centre)),
         aim: TurnBound::aim(goal, centre),
+        ..About::default()
     }
 }

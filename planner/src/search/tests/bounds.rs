@@ -13,6 +13,7 @@ const EFFORTS: [Effort; 4] = [
         first: 1,
         few: 0,
         before_asking: 2,
+        wide: 1,
     },
     Effort {
         near: 20,
@@ -22,6 +23,7 @@ const EFFORTS: [Effort; 4] = [
         first: 1_000_000,
         few: 0,
         before_asking: 2,
+        wide: 0,
     },
     Effort {
         near: 20,
@@ -31,6 +33,7 @@ const EFFORTS: [Effort; 4] = [
         first: 2,
         few: 30,
         before_asking: 2,
+        wide: 40,
     },
     Effort {
         near: 1_000_000,
@@ -40,6 +43,7 @@ const EFFORTS: [Effort; 4] = [
         first: 1,
         few: 0,
         before_asking: 2,
+        wide: 1000,
     },
 ];
 
