@@ -363,22 +363,27 @@ impl FrameMemory {
             self.ask_regions(&task, &work.left);
         }
         let mut each = self.effort.each_of_longer(work);
-        self.search_for(&task, work, each);
-        if is_over(rules, work) {
-            return Ok(());
+        // Under a deadline all threads search once more before one of them does what pays only later.
+        for _ in 0..1 + usize::from(rules.limits.stop.is_some()) {
+            self.search_for(&task, work, each);
+            if is_over(rules, work) {
+                return Ok(());
+            }
+            each = each.saturating_mul(NEXT_ROUND);
+            work.put_unsolved_first();
         }
-        each = each.saturating_mul(NEXT_ROUND);
-        work.put_unsolved_first();
         wide.copy(near, frame.map)?;
         let most = self.effort.wide;
         self.search_meanwhile(&task, (work, each), |stop| {
             wide.grow_on(on, (most, stop));
         });
         self.shared_steps += wide.steps() - near.steps();
+        if is_over(rules, work) {
+            return Ok(());
+        }
         wide.rim(rim);
         let stop = || rules.limits.asked().is_some();
-        if is_over(rules, work) || !beyond.measure_beyond((frame.map, &self.distances), rim, &stop)
-        {
+        if !beyond.measure_beyond((frame.map, &self.distances), rim, &stop) {
             return Ok(());
         }
         let task = Task {
