@@ -324,16 +324,7 @@ impl FrameMemory {
             ..task
         };
         let each = effort.each_of_longer(work);
-        let each = self.search_longer_for_few(&farther, work, each);
-        self.shared_steps = far.steps();
-        if is_over(rules, work) {
-            return;
-        }
-        far.refine(near, frame.map);
-        let left = work.left.clone();
-        self.search_meanwhile(&task, (work, meanwhile(each)), |stop| {
-            far.spread(on, &left, (effort.closer, stop));
-        });
+        self.search_longer_for_few(&farther, work, each);
         self.shared_steps = far.steps();
     }
 
@@ -352,10 +343,38 @@ impl FrameMemory {
             beyond,
             rim,
         } = trunks;
+        let (limits, effort) = (rules.limits, self.effort);
+        far.refine(near, frame.map);
+        wide.copy(near, frame.map)?;
+        let (left, distances) = (&work.left[..], &self.distances);
+        let is_refined = AtomicBool::new(false);
+        let stop = || limits.asked().is_some();
+        // When time is short, the one does not wait for the other.
+        let stop_widening =
+            || stop() || limits.stop.is_some() && is_refined.load(Ordering::Relaxed);
+        let ((), is_measured) = rayon::join(
+            || {
+                far.spread(on, left, (effort.closer, &stop));
+                is_refined.store(true, Ordering::Relaxed);
+            },
+            || {
+                wide.grow_on(on, (effort.wide, &stop_widening));
+                wide.rim(rim);
+                beyond.measure_beyond((frame.map, distances), rim, &stop)
+            },
+        );
+        self.shared_steps = far.steps() + wide.steps() - near.steps();
+        if !is_measured {
+            return Ok(());
+        }
         let task = Task {
             frame,
             rules,
-            known: Known::near(near).and_far(far),
+            known: Known {
+                near: wide,
+                beyond: Some(beyond),
+                far: Some(far),
+            },
         };
         if frame.regions.is_some() {
             // What the trunk decides needs no region.
@@ -363,45 +382,14 @@ impl FrameMemory {
             self.ask_regions(&task, &work.left);
         }
         let mut each = self.effort.each_of_longer(work);
-        // Under a deadline all threads search once more before one of them does what pays only later.
-        for _ in 0..1 + usize::from(rules.limits.stop.is_some()) {
-            self.search_for(&task, work, each);
-            if is_over(rules, work) {
-                return Ok(());
-            }
-            each = each.saturating_mul(NEXT_ROUND);
-            work.put_unsolved_first();
-        }
-        wide.copy(near, frame.map)?;
-        let most = self.effort.wide;
-        self.search_meanwhile(&task, (work, each), |stop| {
-            wide.grow_on(on, (most, stop));
-        });
-        self.shared_steps += wide.steps() - near.steps();
-        if is_over(rules, work) {
-            return Ok(());
-        }
-        wide.rim(rim);
-        let stop = || rules.limits.asked().is_some();
-        if !beyond.measure_beyond((frame.map, &self.distances), rim, &stop) {
-            return Ok(());
-        }
-        let task = Task {
-            known: Known {
-                near: wide,
-                beyond: Some(beyond),
-                ..task.known
-            },
-            ..task
-        };
         // Under a deadline nothing that takes long keeps the others from their turn.
         if rules.limits.stop.is_none() {
             each = u64::MAX;
         }
         while !is_over(rules, work) {
-            each = each.saturating_mul(NEXT_ROUND);
             work.put_unsolved_first();
             self.search_for(&task, work, each);
+            each = each.saturating_mul(NEXT_ROUND);
         }
         Ok(())
     }
