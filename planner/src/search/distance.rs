@@ -468,4 +468,56 @@ mod tests {
             assert!(known > least_known, "{known}");
         }
     }
+
+    #[test]
+    fn beyond_a_rim_nothing_is_nearer_than_the_rim_and_the_way_from_there() {
+        let map = map_with_walls();
+        let mut all = measured_all(&map);
+        assert!(all.passable.survey(&map, &|| false));
+        // A ring of cells around the vehicle that cost more than their distance.
+        let rim_of = |extra_m: f64| {
+            // So wide that no step leads over it.
+            let rows = [455, 456, 544, 545].into_iter();
+            let ring = rows.flat_map(|row| (255..=345).map(move |col| (row, col)));
+            let cols = [255, 256, 344, 345].into_iter();
+            let ring = ring.chain(cols.flat_map(|col| (455..=545).map(move |row| (row, col))));
+            let cell = |(row, col): (u32, u32)| {
+                let units = all.to((row as usize, col as usize));
+                (units != NO_WAY).then(|| {
+                    let cost = f64::from(units) + extra_m * COST_UNITS;
+                    (
+                        super::super::floor_units(cost / COST_UNITS),
+                        row * 600 + col,
+                    )
+                })
+            };
+            ring.filter_map(cell).collect::<Vec<_>>()
+        };
+        let mut near = Distances::default();
+        let goal = Goal::new(&map, &Pose2::new(10.0, 0.0, 0.0)).ok();
+        assert!(near.measure(&map, &[goal], &|| false));
+        let (mut beyond, mut beyond_near) = (Distances::default(), Distances::default());
+        for extra_m in [0.0, 3.0] {
+            let mut rim = rim_of(extra_m);
+            assert!(rim.len() > 200);
+            assert!(beyond.measure_beyond((&map, &all), &mut rim, &|| false));
+            let mut rim = rim_of(extra_m);
+            assert!(beyond_near.measure_beyond((&map, &near), &mut rim, &|| false));
+            let mut known = 0;
+            for cell in (0..600).flat_map(|row| (0..600).map(move |col| (row, col))) {
+                let (from_all, from_near) = (beyond.to(cell), beyond_near.to(cell));
+                assert!(from_near <= from_all);
+                known += usize::from(from_near == from_all);
+                // Beyond the ring the way leads through it.
+                let is_inside = (455..=545).contains(&cell.0) && (255..=345).contains(&cell.1);
+                if !is_inside && from_all != NO_WAY {
+                    let least = f64::from(all.to(cell)) + extra_m * COST_UNITS;
+                    // Each count of a rim is rounded down.
+                    let off = (f64::from(from_all) - least) / COST_UNITS;
+                    assert!((-0.01..0.01).contains(&off), "{cell:?} {off}");
+                }
+            }
+            assert!(known > 60_000, "{known}");
+        }
+    }
 }
