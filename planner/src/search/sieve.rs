@@ -24,7 +24,7 @@ impl Grain {
     };
     pub(super) const SECOND: Self = Self {
         fine: (3, 1),
-        fine_steps: 25_000,
+        fine_steps: 60_000,
         coarse: (3, 3),
     };
 }

@@ -7,7 +7,8 @@
 //!    left, the same again with more. Meanwhile the trunk goes on farther off.
 //! 3. If any targets are left: the same again with the trunk's paths, which are often within the bound at
 //!    once; else they are paths that a search may stop at.
-//! 4. If any targets are left: the trunk looks closer, and the same again, without end.
+//! 4. If any targets are left: the trunk looks closer, and meanwhile what is near becomes wide, with lower
+//!    bounds on the costs of all that lies beyond. With both the same again, without end.
 //!
 //! Under a deadline the last searches go in rounds, each longer than the one before, so that no target
 //! that takes long keeps others from their turn. What is found by then counts, with the bound that is
@@ -35,8 +36,10 @@ use crate::motion::Successors;
 use crate::timing::CpuTimer;
 use crate::{Error, Plane};
 
-/// Expansions of each target in the first round under a deadline, as a multiple of the first search's.
-const FIRST_ROUND: u64 = 8;
+/// Expansions of each target in a longer search, as a multiple of the first one's.
+const LONGER: u64 = 8;
+/// What part of the trunks' last expansions is for the first round under a deadline.
+const FIRST_SHARE: u64 = 10;
 /// The same in each further round, as a multiple of the round before.
 const NEXT_ROUND: u64 = 4;
 /// How much of what ε allows beyond 1 a new state's key makes use of.
@@ -106,7 +109,7 @@ pub(super) struct Effort {
     pub(super) few: u64,
     /// Of the searches for what is left then, before it is asked where paths are expected.
     pub(super) before_asking: u64,
-    /// Of the trunk near the vehicle again, for what even that leaves.
+    /// Of the wide trunk, meanwhile.
     pub(super) wide: u64,
 }
 
@@ -116,7 +119,7 @@ impl Default for Effort {
             near: 3_000,
             meanwhile: 6_000,
             far: 34_000,
-            closer: 40_000,
+            closer: 80_000,
             first: 500,
             few: 20_000,
             before_asking: 2_000,
@@ -133,7 +136,7 @@ impl Effort {
 
     /// Of the next search for one of them, however many they are.
     fn each_of_longer(&self, work: &Work) -> u64 {
-        self.each_of_few(work).max(FIRST_ROUND * self.first)
+        self.each_of_few(work).max(LONGER * self.first)
     }
 }
 
@@ -149,6 +152,42 @@ struct Trunks {
     beyond: Distances,
     /// Where `wide` ends.
     rim: Vec<(u32, u32)>,
+}
+
+impl Trunks {
+    /// Makes the far trunk look closer and the wide one go on, by at most so many expansions, and measures
+    /// from where that ends. False if it was stopped.
+    fn go_on(
+        &mut self,
+        frame: &Frame<'_>,
+        (left, distances): (&[usize], &Distances),
+        ((closer, wide), stop): ((u64, u64), &(dyn Fn() -> bool + Sync)),
+    ) -> bool {
+        let on = (frame.map, frame.successors);
+        let ((), is_measured) = rayon::join(
+            || self.far.spread(on, left, (closer, stop)),
+            || {
+                self.wide.grow_on(on, (wide, stop))
+                    && self.wide.rim(&mut self.rim, stop)
+                    && (self.beyond).measure_beyond((frame.map, distances), &mut self.rim, stop)
+            },
+        );
+        is_measured
+    }
+
+    /// All that is known then.
+    const fn known(&self) -> Known<'_> {
+        Known {
+            near: &self.wide,
+            beyond: Some(&self.beyond),
+            far: Some(&self.far),
+        }
+    }
+
+    /// Expansions of all.
+    const fn steps(&self) -> u64 {
+        self.far.steps() + self.wide.steps() - self.near.steps()
+    }
 }
 
 /// Memory of all that targets share, reused from frame to frame.
@@ -258,152 +297,123 @@ impl FrameMemory {
         Ok(())
     }
 
-    /// One thread does what serves all targets that are left, and is told when to stop; the others search
-    /// for these meanwhile, with so many expansions each, but under a deadline only until that is done.
-    fn search_meanwhile(
-        &mut self,
-        task: &Task<'_>,
-        (work, each): (&mut Work, u64),
-        serve: impl FnOnce(&dyn Fn() -> bool) + Send,
-    ) {
-        let limits = task.rules.limits;
-        let (is_served, is_over) = (AtomicBool::new(false), AtomicBool::new(false));
-        let stop_serving = || is_over.load(Ordering::Relaxed) || limits.asked().is_some();
-        let stop_search = || {
-            let is_served = is_served.load(Ordering::Relaxed);
-            limits
-                .asked()
-                .or(is_served.then_some(Outcome::BudgetExhausted))
-        };
-        let rules = Rules {
-            limits: Limits {
-                stop: limits.stop.map(|_| &stop_search as _),
-                ..limits
-            },
-            ..*task.rules
-        };
-        let task = Task {
-            rules: &rules,
-            ..*task
-        };
-        rayon::join(
-            || {
-                self.search_for(&task, work, each);
-                is_over.store(work.left.is_empty(), Ordering::Relaxed);
-            },
-            || {
-                serve(&stop_serving);
-                is_served.store(true, Ordering::Relaxed);
-            },
-        );
-    }
-
-    /// Searches for the targets that are left, with the trunk's states farther off.
+    /// Searches for the targets that are left, with the trunk's states farther off, for which it goes on
+    /// first. If time is short, other threads search with the near ones until it has.
     fn search_farther(
         &mut self,
         (frame, rules): (&Frame<'_>, &Rules<'_>),
         work: &mut Work,
         Trunks { near, far, .. }: &mut Trunks,
     ) {
-        let on = (frame.map, frame.successors);
-        let effort = self.effort;
+        let (limits, effort) = (rules.limits, self.effort);
+        let (is_spread, is_over) = (AtomicBool::new(false), AtomicBool::new(false));
+        let stop_spread = || is_over.load(Ordering::Relaxed) || limits.asked().is_some();
+        let stop_search = || {
+            let is_spread = is_spread.load(Ordering::Relaxed);
+            limits
+                .asked()
+                .or(is_spread.then_some(Outcome::BudgetExhausted))
+        };
+        let until_spread = Rules {
+            limits: Limits {
+                stop: Some(&stop_search),
+                ..limits
+            },
+            ..*rules
+        };
+        let known = Known::near(near);
+        let left = work.left.clone();
+        rayon::join(
+            || {
+                if limits.stop.is_some() {
+                    let each = effort.each_of_longer(work);
+                    let rules = &until_spread;
+                    let task = Task {
+                        frame,
+                        rules,
+                        known,
+                    };
+                    self.search_for(&task, work, each);
+                    is_over.store(work.left.is_empty(), Ordering::Relaxed);
+                }
+            },
+            || {
+                let on = (frame.map, frame.successors);
+                far.spread(on, &left, (effort.far, &stop_spread));
+                is_spread.store(true, Ordering::Relaxed);
+            },
+        );
+        self.shared_steps = far.steps();
+        let known = Known {
+            far: Some(far),
+            ..known
+        };
         let task = Task {
             frame,
             rules,
-            known: Known::near(near),
-        };
-        // Without a deadline it is better to wait for what serves all.
-        let meanwhile = |each| if rules.limits.stop.is_some() { each } else { 0 };
-        let each = effort.each_of_longer(work);
-        let left = work.left.clone();
-        self.search_meanwhile(&task, (work, meanwhile(each)), |stop| {
-            far.spread(on, &left, (effort.far, stop));
-        });
-        let farther = Task {
-            known: task.known.and_far(far),
-            ..task
+            known,
         };
         let each = effort.each_of_longer(work);
-        self.search_longer_for_few(&farther, work, each);
-        self.shared_steps = far.steps();
+        self.search_longer_for_few(&task, work, each);
     }
 
-    /// Searches for what is left then: without end, or in rounds, each longer than the one before.
+    /// Searches for what even that leaves, with all that can be known of ways from the vehicle: without
+    /// end, or in rounds, each longer than the one before.
     fn search_on(
         &mut self,
         (frame, rules): (&Frame<'_>, &Rules<'_>),
         work: &mut Work,
         trunks: &mut Trunks,
     ) -> Result<(), Error> {
-        let on = (frame.map, frame.successors);
-        let Trunks {
-            near,
-            far,
-            wide,
-            beyond,
-            rim,
-        } = trunks;
-        let (limits, effort) = (rules.limits, self.effort);
-        far.refine(near, frame.map);
-        wide.copy(near, frame.map)?;
-        let (left, distances) = (&work.left[..], &self.distances);
-        let is_refined = AtomicBool::new(false);
+        let limits = rules.limits;
         let stop = || limits.asked().is_some();
-        // When time is short, the one does not wait for the other.
-        let stop_widening =
-            || stop() || limits.stop.is_some() && is_refined.load(Ordering::Relaxed);
-        let ((), is_measured) = rayon::join(
-            || {
-                far.spread(on, left, (effort.closer, &stop));
-                is_refined.store(true, Ordering::Relaxed);
-            },
-            || {
-                wide.grow_on(on, (effort.wide, &stop_widening));
-                wide.rim(rim);
-                beyond.measure_beyond((frame.map, distances), rim, &stop)
-            },
-        );
-        self.shared_steps = far.steps() + wide.steps() - near.steps();
-        if !is_measured {
-            return Ok(());
+        // Under a deadline nothing that takes long keeps the targets from their turn.
+        let (mut share, mut each) = (1, u64::MAX);
+        if limits.stop.is_some() {
+            (share, each) = (FIRST_SHARE, self.effort.each_of_longer(work));
         }
-        let task = Task {
-            frame,
-            rules,
-            known: Known {
-                near: wide,
-                beyond: Some(beyond),
-                far: Some(far),
-            },
-        };
-        if frame.regions.is_some() {
-            // What the trunk decides needs no region.
-            self.search_for(&task, work, self.effort.before_asking);
-            self.ask_regions(&task, &work.left);
-        }
-        let mut each = self.effort.each_of_longer(work);
-        // Under a deadline nothing that takes long keeps the others from their turn.
-        if rules.limits.stop.is_none() {
-            each = u64::MAX;
-        }
+        trunks.far.refine(&trunks.near, frame.map);
+        trunks.wide.copy(&trunks.near, frame.map)?;
+        let mut is_asked = false;
+        let mut is_due = true;
         while !is_over(rules, work) {
+            if is_due {
+                let most = (self.effort.closer / share, self.effort.wide / share);
+                if !trunks.go_on(frame, (&work.left, &self.distances), (most, &stop)) {
+                    break;
+                }
+                self.shared_steps = trunks.steps();
+            }
+            let task = Task {
+                frame,
+                rules,
+                known: trunks.known(),
+            };
+            if frame.regions.is_some() && !is_asked {
+                // What the trunks decide needs no region.
+                self.search_for(&task, work, self.effort.before_asking);
+                self.ask_regions(&task, &work.left);
+                is_asked = true;
+            }
             work.put_unsolved_first();
             self.search_for(&task, work, each);
             each = each.saturating_mul(NEXT_ROUND);
+            is_due = share > 1 && each > self.effort.wide;
+            if is_due {
+                share = 1;
+            }
         }
         Ok(())
     }
 
     /// Searches with so many expansions each, and if few targets are left then, once more with more: for
-    /// few that costs less than what serves many. Says with how many it was.
-    fn search_longer_for_few(&mut self, task: &Task<'_>, work: &mut Work, each: u64) -> u64 {
+    /// few that costs less than what serves many.
+    fn search_longer_for_few(&mut self, task: &Task<'_>, work: &mut Work, each: u64) {
         self.search_for(task, work, each);
         let longer = self.effort.each_of_few(work);
-        if longer <= 2 * each {
-            return each;
+        if longer > 2 * each {
+            self.search_for(task, work, longer);
         }
-        self.search_for(task, work, longer);
-        longer
     }
 
     /// Asks where the paths to targets that are left are expected.

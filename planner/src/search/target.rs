@@ -66,14 +66,6 @@ impl<'a> Known<'a> {
         }
     }
 
-    /// The same, and ways farther off.
-    pub(super) const fn and_far(self, far: &'a Trunk) -> Self {
-        Self {
-            far: Some(far),
-            ..self
-        }
-    }
-
     /// Lower bound on the cost of a state on a cell that is not near, in units; [`NO_WAY`] if there is no
     /// way to one.
     fn least_beyond(&self, at: (usize, usize)) -> u32 {

@@ -24,8 +24,9 @@ use crate::motion::{ArrivalBlock, BLOCK, BLOCK_BITS};
 
 /// States of a cell that neighbour in direction lie together.
 const BLOCKS: usize = DIRECTIONS / BLOCK;
-/// Memory is asked for so many blocks at once, 17 MiB.
-const FIRST_BLOCKS: usize = 1 << 16;
+/// Memory is asked for so many blocks at once, 66 MiB: to make it larger takes milliseconds, when there may
+/// be none left.
+const FIRST_BLOCKS: usize = 1 << 18;
 /// Stands for no block. Memory of a large grid begins as zeros, which takes none until it is written to.
 const NO_BLOCK: u32 = 0;
 /// Fractions of weights are counted in this.
@@ -344,16 +345,17 @@ impl Tree {
         }
     }
 
-    /// By cell that was reached: the least cost of its states that were not expanded, in units.
-    pub(super) fn least_waiting(&self) -> impl Iterator<Item = (u32, u32)> {
-        self.reached.iter().filter_map(|&cell| {
+    /// For each cell that was reached: the least cost of its states that were not expanded, in units, and
+    /// its number; nothing if there are none.
+    pub(super) fn least_waiting(&self) -> impl Iterator<Item = Option<(u32, u32)>> {
+        self.reached.iter().map(|&cell| {
             let blocks = self.cells[cell as usize].blocks.into_iter();
             let states = blocks.filter(|&block| block != NO_BLOCK).flat_map(|block| {
-                let (costs, stages) = (self.costs[block as usize].0, self.stages[block as usize]);
-                costs.into_iter().zip(stages)
+                let (costs, stages) = (&self.costs[block as usize].0, &self.stages[block as usize]);
+                costs.iter().zip(stages)
             });
-            let waiting = states.filter(|&(_, stage)| stage != Stage::Expanded);
-            let least = waiting.map(|(cost, _)| cost).min()?;
+            let waiting = states.filter(|&(_, &stage)| stage != Stage::Expanded);
+            let least = *waiting.map(|(cost, _)| cost).min()?;
             (least != u32::MAX).then_some((least, cell))
         })
     }

@@ -16,6 +16,8 @@ use crate::motion::{Fan, Successors};
 
 /// How often it is asked whether to stop, in expansions.
 const STOP_INTERVAL: u64 = 64;
+/// The same in cells of the rim.
+const RIM_STOP_INTERVAL: usize = 1_024;
 
 /// Ways from the vehicle.
 #[derive(Debug, Default)]
@@ -148,10 +150,17 @@ impl Trunk {
         }
     }
 
-    /// What the states that were reached and not expanded cost at least, in units, and their cells.
-    pub(super) fn rim(&self, into: &mut Vec<(u32, u32)>) {
+    /// What the states that were reached and not expanded cost at least, in units, and their cells. False
+    /// if `stop` ended it.
+    pub(super) fn rim(&self, into: &mut Vec<(u32, u32)>, stop: &dyn Fn() -> bool) -> bool {
         into.clear();
-        into.extend(self.tree.least_waiting());
+        for (number, waiting) in self.tree.least_waiting().enumerate() {
+            into.extend(waiting);
+            if number % RIM_STOP_INTERVAL == 0 && stop() {
+                return false;
+            }
+        }
+        true
     }
 
     /// Expansions so far.
