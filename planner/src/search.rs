@@ -30,6 +30,7 @@ mod swath;
 mod target;
 mod tree;
 mod trunk;
+mod tube;
 mod weighted;
 mod work;
 

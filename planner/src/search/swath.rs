@@ -8,7 +8,8 @@
 //! 3. If any targets are left: the same again with the trunk's paths, which are often within the bound at
 //!    once; else they are paths that a search may stop at.
 //! 4. If any targets are left: the trunk looks closer, and meanwhile what is near becomes wide, with lower
-//!    bounds on the costs of all that lies beyond. With both the same again, without end.
+//!    bounds on the costs of all that lies beyond. With both the same again, without end; and around the
+//!    paths that are found so, if there is no deadline, a search for the best way there.
 //!
 //! Under a deadline the last searches go in rounds, each longer than the one before, so that no target
 //! that takes long keeps others from their turn. What is found by then counts, with the bound that is
@@ -26,9 +27,10 @@ use rayon::iter::{IntoParallelRefMutIterator, ParallelIterator};
 use swath_bridge::{Outcome, Pose2};
 
 use super::distance::Distances;
-use super::target::{Aims, Known, Search, Shared};
+use super::target::{Aims, End, Known, Search, Shared};
 use super::tree::{Tree, Weights};
 use super::trunk::Trunk;
+use super::tube::Tube;
 use super::work::{Work, is_over};
 use super::{Limits, TargetResult, cell_steps};
 use crate::collision::CollisionMap;
@@ -374,6 +376,7 @@ impl FrameMemory {
         }
         trunks.far.refine(&trunks.near, frame.map);
         trunks.wide.copy(&trunks.near, frame.map)?;
+        let hard = work.left.clone();
         let mut is_asked = false;
         let mut is_due = true;
         while !is_over(rules, work) {
@@ -402,6 +405,15 @@ impl FrameMemory {
             if is_due {
                 share = 1;
             }
+        }
+        // With a deadline, who waits for the frame has it sooner instead.
+        if limits.stop.is_none() {
+            let task = Task {
+                frame,
+                rules,
+                known: trunks.known(),
+            };
+            self.tighten(&task, work, &hard);
         }
         Ok(())
     }
@@ -474,7 +486,49 @@ impl FrameMemory {
 
     /// Searches for the targets that are left on all threads.
     fn search_all(&mut self, task: &Task<'_>, work: &mut Work, limits: Limits<'_>) {
-        let (frame, epsilon) = (task.frame, task.rules.epsilon);
+        let epsilon = task.rules.epsilon;
+        let weights = Weights::new(epsilon, 1.0 + WEIGHT_SHARE * (epsilon - 1.0));
+        let search = |shared: &Shared<'_>, tree: &mut Tree, number: usize| {
+            let goal = work.goals[number].as_ref()?;
+            Some(Search::new(shared, weights, tree).run((number, goal), limits))
+        };
+        for (number, end, cpu) in self.on_all_threads(task, &work.left, &search) {
+            work.take(number, end, cpu);
+        }
+    }
+
+    /// Searches around the paths to targets for ways that cost less.
+    fn tighten(&mut self, task: &Task<'_>, work: &mut Work, numbers: &[usize]) {
+        let map = task.frame.map;
+        let limits = task.rules.limits;
+        let most = limits
+            .max_expansions
+            .map(|most| most.saturating_sub(work.spent));
+        let limits = Limits {
+            max_expansions: most,
+            ..limits
+        };
+        let search = |shared: &Shared<'_>, tree: &mut Tree, number: usize| {
+            let path = &work.results[number].0.path;
+            let goal = work.goals[number].as_ref().filter(|_| !path.is_empty())?;
+            let tube = Tube::around(map, path);
+            let search = Search::new(shared, Weights::new(1.0, 1.0), tree).within(&tube);
+            Some(search.run((number, goal), limits))
+        };
+        for (number, end, cpu) in self.on_all_threads(task, numbers, &search) {
+            work.take_better(number, end.result, cpu);
+        }
+    }
+
+    /// Searches for each of some targets in memory of a thread's own, with the time that it took, until
+    /// somebody says stop.
+    fn on_all_threads(
+        &mut self,
+        task: &Task<'_>,
+        numbers: &[usize],
+        search: &(dyn Fn(&Shared<'_>, &mut Tree, usize) -> Option<End> + Sync),
+    ) -> Vec<(usize, End, Duration)> {
+        let frame = task.frame;
         let shared = Shared {
             map: frame.map,
             successors: frame.successors,
@@ -484,30 +538,25 @@ impl FrameMemory {
             known: task.known,
             regions: &self.regions,
         };
-        let weights = Weights::new(epsilon, 1.0 + WEIGHT_SHARE * (epsilon - 1.0));
-        let threads = rayon::current_num_threads().min(work.left.len());
+        let threads = rayon::current_num_threads().min(numbers.len());
         if self.trees.len() < threads {
             self.trees.resize_with(threads, Tree::default);
         }
         let next = AtomicUsize::new(0);
-        let (goals, numbers) = (&work.goals, &work.left);
-        let search = |tree: &mut Tree| {
+        let worker = |tree: &mut Tree| {
             let mut ends = Vec::new();
             while let Some(&number) = numbers.get(next.fetch_add(1, Ordering::Relaxed)) {
-                let Some(goal) = &goals[number] else { continue };
-                if limits.asked().is_some() || tree.prepare(frame.map.spec()).is_err() {
+                if task.rules.limits.asked().is_some() || tree.prepare(frame.map.spec()).is_err() {
                     break;
                 }
                 let timer = CpuTimer::of_thread();
-                let end = Search::new(&shared, weights, tree).run((number, goal), limits);
-                ends.push((number, end, timer.elapsed()));
+                let end = search(&shared, tree, number);
+                ends.extend(end.map(|end| (number, end, timer.elapsed())));
             }
             ends
         };
         let workers = self.trees[..threads].par_iter_mut();
-        let ends: Vec<_> = workers.map(search).collect();
-        for (number, end, cpu) in ends.into_iter().flatten() {
-            work.take(number, end, cpu);
-        }
+        let ends: Vec<_> = workers.map(worker).collect();
+        ends.into_iter().flatten().collect()
     }
 }

@@ -22,6 +22,7 @@ use super::goal::Goal;
 use super::memory::{Parent, State};
 use super::tree::{About, Block, Stage, Tree, Weights, split};
 use super::trunk::Trunk;
+use super::tube::Tube;
 use super::{CellStep, Limits, SHORT_STOP_INTERVAL, TargetResult, floor_units, path};
 use crate::Plane;
 use crate::action::{ACTIONS, AHEAD};
@@ -200,6 +201,8 @@ pub(super) struct Search<'a> {
     weights: Weights,
     /// States outside are expanded as late as the bound allows.
     region: Option<&'a Plane>,
+    /// States outside are left out.
+    tube: Option<&'a Tube>,
     /// Cost of the best path so far, in units, and where it meets ways from the vehicle.
     best: Option<(u32, Meeting<'a>)>,
     steps: u64,
@@ -215,9 +218,18 @@ impl<'a> Search<'a> {
             tree,
             weights,
             region: None,
+            tube: None,
             best: None,
             steps: 0,
             is_cut_off: false,
+        }
+    }
+
+    /// The same, without states outside of a tube.
+    pub(super) const fn within(self, tube: &'a Tube) -> Self {
+        Self {
+            tube: Some(tube),
+            ..self
         }
     }
 
@@ -344,6 +356,9 @@ impl<'a> Search<'a> {
     ) {
         let block = self.block(cell, arrivals.number);
         let mut improved = self.tree.improved(block, (arrivals, cost)) & allowed;
+        if let Some(tube) = self.tube {
+            improved &= tube.of_block(cell, arrivals.number);
+        }
         if improved == 0 {
             return;
         }

@@ -80,6 +80,22 @@ impl Work {
             .sort_by_key(|&number| results[number].0.outcome == Outcome::Solved);
     }
 
+    /// Takes note of another path to a target that was decided, if it costs less. What was proved of the
+    /// optimum stays.
+    pub(super) fn take_better(&mut self, number: usize, other: TargetResult, cpu: Duration) {
+        let (result, all_cpu) = &mut self.results[number];
+        let steps = result.steps + other.steps;
+        if other.outcome == Outcome::Solved && other.cost < result.cost {
+            let least = result.cost / result.bound;
+            *result = TargetResult {
+                bound: (other.cost / least).max(1.0),
+                ..other
+            };
+        }
+        result.steps = steps;
+        *all_cpu += cpu;
+    }
+
     /// Takes note of how a search ended.
     pub(super) fn take(&mut self, number: usize, end: End, cpu: Duration) {
         let (result, all_cpu) = &mut self.results[number];
