@@ -394,16 +394,10 @@ impl<'a> Search<'a> {
         }
     }
 
-    /// The greatest key of a state that was reached at a cost.
+    /// The greatest key of a state on the open list that was reached at a cost.
     fn greatest_key(&self, state: State, cost: u32) -> u32 {
-        let (near, about) = (self.shared.known.near, self.tree.about(state.cell()));
-        let (number, within) = split(state);
-        let is_near = about.length < near.radius();
-        let exact = is_near
-            .then(|| near.block(state.cell(), number))
-            .flatten()
-            .and_then(|block| near.exact_cost(block.place(within)));
-        let rest = exact.unwrap_or_else(|| self.least(about, state.direction()));
+        let about = self.tree.about(state.cell());
+        let rest = self.least(about, state.direction());
         self.weights.ceiling(u64::from(cost) + u64::from(rest))
     }
 

@@ -24,7 +24,7 @@ use crate::motion::{ArrivalBlock, BLOCK, BLOCK_BITS};
 
 /// States of a cell that neighbour in direction lie together.
 const BLOCKS: usize = DIRECTIONS / BLOCK;
-/// Memory is asked for so many blocks at once, 66 MiB: to make it larger takes milliseconds, when there may
+/// Memory is asked for so many blocks at once, 72 MiB: to make it larger takes milliseconds, when there may
 /// be none left.
 const FIRST_BLOCKS: usize = 1 << 18;
 /// Stands for no block. Memory of a large grid begins as zeros, which takes none until it is written to.
@@ -254,18 +254,14 @@ impl Tree {
     /// Cost of the best way to a state, in units; `u32::MAX` if there is none yet.
     #[inline]
     pub(super) fn cost(&self, place: Place) -> u32 {
-        {
-            let (b, w) = split_place(place);
-            self.costs[b].0[w]
-        }
+        let (block, within) = split_place(place);
+        self.costs[block].0[within]
     }
 
     #[inline]
     pub(super) fn stage(&self, place: Place) -> Stage {
-        {
-            let (b, w) = split_place(place);
-            self.stages[b][w]
-        }
+        let (block, within) = split_place(place);
+        self.stages[block][within]
     }
 
     #[inline]
@@ -363,8 +359,8 @@ impl Tree {
     /// How a state that was reached was reached.
     pub(super) fn parent(&self, state: State) -> Parent {
         self.find(state).map_or(Parent::START, |place| {
-            let (b, w) = split_place(place);
-            self.parents[b][w]
+            let (block, within) = split_place(place);
+            self.parents[block][within]
         })
     }
 }
