@@ -40,9 +40,9 @@ use crate::{Error, Plane};
 
 /// Expansions of each target in a longer search, as a multiple of the first one's.
 const LONGER: u64 = 8;
-/// What part of the trunks' last expansions is for the first round under a deadline.
+/// What part of the trunks' last expansions is for the first of these rounds.
 const FIRST_SHARE: u64 = 10;
-/// The same in each further round, as a multiple of the round before.
+/// Expansions of each target in a round under a deadline, as a multiple of the round before.
 const NEXT_ROUND: u64 = 4;
 /// How much of what ε allows beyond 1 a new state's key makes use of.
 const WEIGHT_SHARE: f64 = 0.5;
@@ -369,11 +369,7 @@ impl FrameMemory {
     ) -> Result<(), Error> {
         let limits = rules.limits;
         let stop = || limits.asked().is_some();
-        // Under a deadline nothing that takes long keeps the targets from their turn.
-        let (mut share, mut each) = (1, u64::MAX);
-        if limits.stop.is_some() {
-            (share, each) = (FIRST_SHARE, self.effort.each_of_longer(work));
-        }
+        let (mut share, mut each) = (FIRST_SHARE, self.effort.each_of_longer(work));
         trunks.far.refine(&trunks.near, frame.map);
         trunks.wide.copy(&trunks.near, frame.map)?;
         let hard = work.left.clone();
@@ -400,7 +396,11 @@ impl FrameMemory {
             }
             work.put_unsolved_first();
             self.search_for(&task, work, each);
-            each = each.saturating_mul(NEXT_ROUND);
+            // Under a deadline nothing that takes long keeps the others from their turn.
+            each = match limits.stop {
+                Some(_) => each.saturating_mul(NEXT_ROUND),
+                None => u64::MAX,
+            };
             is_due = share > 1 && each > self.effort.wide;
             if is_due {
                 share = 1;
