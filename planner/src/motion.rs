@@ -13,10 +13,10 @@ use crate::Error;
 use crate::action::{Action, ActionTable};
 use crate::kernel::Kernel;
 
-pub(crate) use arrivals::{ArrivalBlock, Arrivals, BLOCK, BLOCK_BITS};
+pub(crate) use arrivals::{ArrivalBlock, Arrivals, BLOCK, BLOCK_BITS, BLOCKS};
 pub(crate) use corridors::{Corridors, SECTORS};
+pub(crate) use successors::Fan;
 pub use successors::Successors;
-pub(crate) use successors::{Fan, Preceding};
 
 /// Costs are counted in units of 2⁻²⁰ (about a micrometre), so that sums are exact.
 pub(crate) const COST_UNITS: f64 = 1_048_576.0;

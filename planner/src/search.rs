@@ -22,6 +22,7 @@ mod backward;
 mod bound;
 mod distance;
 mod goal;
+mod known;
 mod memory;
 mod open;
 mod path;

@@ -1,13 +1,16 @@
 //! The headings that an action may follow, in blocks of 32 that neighbour, so that a search backward
-//! looks at a block at once.
+//! looks at a block at once. Searches keep a cell's states in the same blocks: few of its directions are
+//! reached, and what is closer together is found sooner.
 
-use super::{Preceding, Side};
-use crate::action::DIRECTIONS;
+use super::Side;
+use crate::action::{Action, DIRECTIONS};
 use crate::collision::WORD;
 
 /// Directions of a block, as bits of a direction and as their number.
 pub(crate) const BLOCK_BITS: u32 = 5;
 pub(crate) const BLOCK: usize = 1 << BLOCK_BITS;
+/// Blocks of all directions.
+pub(crate) const BLOCKS: usize = DIRECTIONS / BLOCK;
 
 /// What may come before an action.
 #[derive(Debug)]
@@ -16,7 +19,7 @@ pub(crate) struct Arrivals {
     /// Farthest that a heading before it lies to the left and to the right, directions.
     left_steps: u8,
     right_steps: u8,
-    blocks: Box<[ArrivalBlock]>,
+    blocks: Vec<ArrivalBlock>,
 }
 
 /// The part of it with headings of one block.
@@ -38,35 +41,42 @@ pub(crate) struct Run {
 }
 
 impl Arrivals {
-    /// The arrivals by an action in a direction, by what may precede it and what each heading costs.
-    pub(super) fn new(direction: u8, preceding: &Preceding, cost_of: impl Fn(u8) -> u32) -> Self {
-        let block_of = |number: usize| {
-            let mut block = ArrivalBlock {
+    /// Nothing may come before the action yet.
+    pub(super) const fn by(action: &Action) -> Self {
+        Self {
+            direction: action.direction,
+            left_steps: 0,
+            right_steps: 0,
+            blocks: Vec::new(),
+        }
+    }
+
+    /// Adds a heading, after all smaller ones, from which one turns by `steps` to a side, and what turn and
+    /// length cost then, in units.
+    pub(super) fn add(&mut self, heading: u8, (side, steps): (Side, u8), cost: u32) {
+        // Who turns to the left comes from the right.
+        let farthest = match side {
+            Side::Left => &mut self.right_steps,
+            Side::Right => &mut self.left_steps,
+        };
+        *farthest = steps.max(*farthest);
+        let (number, within) = (usize::from(heading) / BLOCK, usize::from(heading) % BLOCK);
+        if self.blocks.last().is_none_or(|last| last.number != number) {
+            self.blocks.push(ArrivalBlock {
                 number,
                 allowed: 0,
                 costs: [0; BLOCK],
-            };
-            for (heading, cost) in (0..=u8::MAX).skip(number * BLOCK).zip(&mut block.costs) {
-                let (word, bit) = (usize::from(heading) / WORD, usize::from(heading) % WORD);
-                if preceding.headings[word] >> bit & 1 != 0 {
-                    block.allowed |= 1 << (usize::from(heading) % BLOCK);
-                    *cost = cost_of(heading);
-                }
-            }
-            block
-        };
-        let blocks = (0..DIRECTIONS / BLOCK).map(block_of);
-        Self {
-            direction,
-            left_steps: preceding.left_steps,
-            right_steps: preceding.right_steps,
-            blocks: blocks.filter(|block| block.allowed != 0).collect(),
+            });
+        }
+        if let Some(block) = self.blocks.last_mut() {
+            block.allowed |= 1 << within;
+            block.costs[within] = cost;
         }
     }
 
     /// The parts of it that are not empty.
     pub(crate) const fn blocks(&self) -> &[ArrivalBlock] {
-        &self.blocks
+        self.blocks.as_slice()
     }
 
     /// The headings from which the turn to the action is free, as far as one to the same side may precede

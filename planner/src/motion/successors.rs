@@ -24,19 +24,7 @@ pub struct Successors {
     /// Number of the first action of each direction, and behind them the number of actions.
     first_actions: Vec<u16>,
     /// By action.
-    preceding: Vec<Preceding>,
-    /// By action.
     arrivals: Vec<Arrivals>,
-}
-
-/// The headings that an action may follow.
-#[derive(Debug, Clone, Copy, Default)]
-pub(crate) struct Preceding {
-    /// A bit for each direction.
-    pub(crate) headings: [u64; TURN_GROUPS],
-    /// Farthest that one of them lies to the left and to the right of the action, directions.
-    pub(crate) left_steps: u8,
-    pub(crate) right_steps: u8,
 }
 
 #[derive(Debug)]
@@ -46,18 +34,6 @@ struct Heading {
     /// Farthest that a successor lies to the left and to the right, directions.
     left_steps: u8,
     right_steps: u8,
-}
-
-impl Preceding {
-    /// Adds a heading, from which one turns by `steps` to a side.
-    fn add(&mut self, heading: u8, side: Side, steps: u8) {
-        self.headings[usize::from(heading) / WORD] |= 1 << (usize::from(heading) % WORD);
-        let farthest = match side {
-            Side::Left => &mut self.right_steps,
-            Side::Right => &mut self.left_steps,
-        };
-        *farthest = steps.max(*farthest);
-    }
 }
 
 /// The successors of a heading within one group of actions.
@@ -121,8 +97,7 @@ impl Successors {
             fans: Vec::new(),
             sweeps: Vec::new(),
             first_actions: (0..=DIRECTIONS).map(first_action).collect(),
-            preceding: vec![Preceding::default(); ACTIONS],
-            arrivals: Vec::with_capacity(ACTIONS),
+            arrivals: actions.iter().map(Arrivals::by).collect(),
         };
         let by_length = |a: &&Action, b: &&Action| a.length_cells.total_cmp(&b.length_cells);
         if let Some(longest) = actions.iter().max_by(by_length) {
@@ -130,23 +105,7 @@ impl Successors {
                 all.append(model, heading, (longest, curvature_per_m));
             }
         }
-        for (index, action) in actions.iter().enumerate() {
-            all.append_arrivals(index, action.direction);
-        }
         all
-    }
-
-    /// Appends what may come before an action.
-    fn append_arrivals(&mut self, index: usize, direction: u8) {
-        let cost_of = |heading: u8| {
-            let fans = self.fans(heading).iter();
-            let costs = fans
-                .filter(|fan| fan.group == index / WORD)
-                .map(|fan| fan.costs[index % WORD]);
-            costs.sum()
-        };
-        let arrivals = Arrivals::new(direction, &self.preceding[index], cost_of);
-        self.arrivals.push(arrivals);
     }
 
     /// What may come before an action, and what it costs to arrive by it.
@@ -186,7 +145,7 @@ impl Successors {
                         costs[index] =
                             cost_units(action.length_cells * model.resolution_m + angle_rad);
                         farthest = steps;
-                        self.preceding[index].add(heading, side, steps);
+                        self.arrivals[index].add(heading, (side, steps), costs[index]);
                     }
                 }
             }
@@ -216,12 +175,6 @@ impl Successors {
             left_steps: farthest[0],
             right_steps: farthest[1],
         });
-    }
-
-    /// The headings that an action may follow.
-    #[inline]
-    pub(crate) fn preceding(&self, action: usize) -> &Preceding {
-        &self.preceding[action]
     }
 
     /// Numbers of the actions in a direction.

@@ -12,7 +12,7 @@ use super::goal::Goal;
 use super::memory::State;
 use super::start_of;
 use crate::collision::CollisionMap;
-use crate::motion::{Preceding, Side, Successors};
+use crate::motion::{ArrivalBlock, BLOCKS, Successors};
 
 /// Memory of a backward search, reused from one to the next.
 #[derive(Debug, Default)]
@@ -24,8 +24,8 @@ pub(super) struct Backward {
     open: Vec<State>,
 }
 
-/// A bit for each direction.
-type Directions = [u64; 4];
+/// A bit for each direction, by block.
+type Directions = [u32; BLOCKS];
 
 /// What a backward search found.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -49,9 +49,11 @@ impl Backward {
     ) -> Finding {
         self.clear(map.spec().len());
         for state in goal.states() {
-            self.add(state.cell(), bit_of(state.direction()));
+            let (block, within) = state.split();
+            self.add(state.cell(), block, 1 << within);
         }
         let start = start_of(map);
+        let (start_block, start_within) = start.split();
         let mut states = 0;
         while let Some(state) = self.open.pop() {
             if states == max_states {
@@ -59,7 +61,7 @@ impl Backward {
             }
             states += 1;
             self.expand(map, successors, state);
-            if self.reaching[start.cell()][0] & bit_of(start.direction())[0] != 0 {
+            if self.reaching[start.cell()][start_block] >> start_within & 1 != 0 {
                 return Finding::Reachable;
             }
         }
@@ -69,29 +71,27 @@ impl Backward {
     fn clear(&mut self, cells: usize) {
         if self.reaching.len() == cells {
             for cell in self.touched.drain(..) {
-                self.reaching[cell] = [0; 4];
+                self.reaching[cell] = Directions::default();
             }
         } else {
-            self.reaching = vec![[0; 4]; cells];
+            self.reaching = vec![Directions::default(); cells];
             self.touched.clear();
         }
         self.open.clear();
     }
 
-    /// Adds directions on a cell to those that reach the goal.
-    fn add(&mut self, cell: usize, directions: Directions) {
+    /// Adds directions of a block on a cell to those that reach the goal.
+    fn add(&mut self, cell: usize, block: usize, directions: u32) {
         let reaching = &mut self.reaching[cell];
-        if *reaching == [0; 4] {
+        let mut new = directions & !reaching[block];
+        if new != 0 && *reaching == Directions::default() {
             self.touched.push(cell);
         }
-        for (group, (known, more)) in (0u8..).zip(reaching.iter_mut().zip(directions)) {
-            let mut new = more & !*known;
-            *known |= more;
-            while new != 0 {
-                let bit = u8::try_from(new.trailing_zeros()).unwrap_or(0);
-                self.open.push(State::new(cell, group * 64 + bit));
-                new &= new - 1;
-            }
+        reaching[block] |= new;
+        while new != 0 {
+            let state = State::in_block(cell, block, new.trailing_zeros());
+            self.open.push(state);
+            new &= new - 1;
         }
     }
 
@@ -110,49 +110,17 @@ impl Backward {
             if map.blocked_chords(index / 64, at) >> (index % 64) & 1 != 0 {
                 continue;
             }
-            let preceding = successors.preceding(index);
+            let arrivals = successors.arrivals(index);
             let known = &self.reaching[from];
-            if (0..4).all(|group| preceding.headings[group] & !known[group] == 0) {
+            let is_known = |block: &ArrivalBlock| block.allowed & !known[block.number] == 0;
+            if arrivals.blocks().iter().all(is_known) {
                 continue;
             }
-            let turnable = turnable_to(map, to.direction(), at, preceding);
-            let headings = [0, 1, 2, 3].map(|group| preceding.headings[group] & turnable[group]);
-            self.add(from, headings);
-        }
-    }
-}
-
-/// The headings from which the turn to a direction is free on a cell, as far as one of those which may
-/// precede it is to either side.
-fn turnable_to(
-    map: &CollisionMap,
-    direction: u8,
-    cell: (usize, usize),
-    preceding: &Preceding,
-) -> Directions {
-    let mut free = bit_of(direction);
-    for (side, most) in [
-        (Side::Left, preceding.left_steps),
-        (Side::Right, preceding.right_steps),
-    ] {
-        for turned in 0..most {
-            let turn = usize::from(side.passed(direction, turned));
-            if map.blocked_turns(turn / 64, cell) >> (turn % 64) & 1 != 0 {
-                break;
-            }
-            for (free, bit) in free
-                .iter_mut()
-                .zip(bit_of(side.turned(direction, turned + 1)))
-            {
-                *free |= bit;
+            let turnable = arrivals.turnable(|group| map.blocked_turns(group, at));
+            for block in arrivals.blocks() {
+                let headings = block.allowed & turnable.of_block(block.number);
+                self.add(from, block.number, headings);
             }
         }
     }
-    free
-}
-
-const fn bit_of(direction: u8) -> Directions {
-    let mut bits = [0; 4];
-    bits[direction as usize / 64] = 1 << (direction % 64);
-    bits
 }

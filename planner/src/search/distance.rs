@@ -150,6 +150,8 @@ pub(crate) struct Distances {
     waiting: usize,
     visited: usize,
     buckets: Vec<Vec<u32>>,
+    /// Tiles with cells that may have been come to.
+    touched: Vec<usize>,
     cols: usize,
     units_per_count: f64,
 }
@@ -165,6 +167,7 @@ impl Distances {
     ) -> bool {
         let mut passable = std::mem::take(&mut self.passable);
         let is_done = self.measure_on(&mut passable, (map, goals), stop);
+        self.touched.clone_from(&passable.surveyed);
         self.passable = passable;
         is_done
     }
@@ -175,16 +178,6 @@ impl Distances {
         (map, goals): (&CollisionMap, &[Option<Goal>]),
         stop: &dyn Fn() -> bool,
     ) -> bool {
-        // Only what was surveyed was come to.
-        if passable.is_for(map) && self.nearness.len() == passable.sectors.len() {
-            for &tile in &passable.surveyed {
-                for cells in cells_of_tile(map, tile) {
-                    self.nearness[cells].fill(0);
-                }
-            }
-        } else {
-            self.nearness = Vec::new();
-        }
         passable.begin(map);
         self.begin(map, map.spec().index_of(map.spec().ego()).as_slice());
         let steps = self.steps(map, Front::Forward);
@@ -225,14 +218,10 @@ impl Distances {
         rim: &mut [(u32, u32)],
         stop: &dyn Fn() -> bool,
     ) -> bool {
-        let (rows, cols) = size_of(map);
-        self.nearness.clear();
-        self.nearness.resize(rows * cols, 0);
         self.begin(map, &[]);
-        let on = (
-            &from_vehicle.passable.sectors[..],
-            &self.steps(map, Front::Forward),
-        );
+        let passable = &from_vehicle.passable;
+        self.touched.clone_from(&passable.surveyed);
+        let on = (&passable.sectors[..], &self.steps(map, Front::Forward));
         // A way into what was not surveyed is longer than the front that ended there.
         let end = from_vehicle.front;
         for (count, _) in rim.iter_mut() {
@@ -264,10 +253,8 @@ impl Distances {
         goal: &[usize],
         stop: &dyn Fn() -> bool,
     ) -> bool {
-        let (rows, cols) = size_of(map);
-        self.nearness.clear();
-        self.nearness.resize(rows * cols, 0);
         self.begin(map, goal);
+        self.touched.clone_from(&passable.surveyed);
         let steps = self.steps(map, Front::Backward);
         let is_done = self.advance((&passable.sectors, &steps), u32::MAX, stop);
         self.front = NO_WAY;
@@ -282,16 +269,24 @@ impl Distances {
         goal.cells().iter().any(was_passed) || MOST_DETOUR * straight < f64::from(self.front)
     }
 
-    /// Begins at cells, where no count is known unless all are of a map of the same size.
+    /// Begins at cells, and knows no counts but theirs.
     #[expect(
         clippy::cast_possible_truncation,
         reason = "grids have at most 2^24 cells"
     )]
     fn begin(&mut self, map: &CollisionMap, starts: &[usize]) {
         let (rows, cols) = size_of(map);
-        self.cols = cols;
-        if self.nearness.is_empty() {
+        if self.cols == cols && self.nearness.len() == rows * cols {
+            for tile in self.touched.drain(..) {
+                for cells in cells_of_tile(map, tile) {
+                    self.nearness[cells].fill(0);
+                }
+            }
+        } else {
+            self.cols = cols;
+            // Pages that nothing is written to take no memory.
             self.nearness = vec![0; rows * cols];
+            self.touched.clear();
         }
         self.buckets.resize_with(BUCKETS, Vec::new);
         self.buckets.iter_mut().for_each(Vec::clear);

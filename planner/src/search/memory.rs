@@ -8,8 +8,7 @@ use super::backward::Backward;
 use super::bound::{Aim, TurnBound};
 use super::open::OpenList;
 use crate::Error;
-use crate::action::DIRECTIONS;
-use crate::motion::{BLOCK, BLOCK_BITS};
+use crate::motion::{BLOCK, BLOCK_BITS, BLOCKS};
 
 /// A cell and a direction, as one number.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, PartialOrd, Ord)]
@@ -33,6 +32,15 @@ impl State {
         Self((cell as u32) << 8 | (number as u32) << BLOCK_BITS | within)
     }
 
+    /// The number of its block of directions, and its place there.
+    pub(super) const fn split(self) -> (usize, u32) {
+        let direction = self.0 & u8::MAX as u32;
+        (
+            (direction >> BLOCK_BITS) as usize,
+            direction & ((1 << BLOCK_BITS) - 1),
+        )
+    }
+
     pub(super) const fn cell(self) -> usize {
         (self.0 >> 8) as usize
     }
@@ -46,9 +54,6 @@ impl State {
     }
 }
 
-/// States of one cell that neighbour in direction lie together, in blocks: few of a cell's directions are
-/// reached, and what is closer together is found sooner.
-const BLOCKS: usize = DIRECTIONS / BLOCK;
 /// Stands for no block.
 const NO_BLOCK: u32 = u32::MAX;
 
@@ -113,17 +118,10 @@ struct CellSlot {
 
 impl CellSlot {
     /// Index into costs and parents of a state that was reached.
-    fn index_of(&self, direction: u8) -> usize {
-        let (block, within) = split(direction);
+    fn index_of(&self, state: State) -> usize {
+        let (block, within) = state.split();
         (self.blocks[block] << BLOCK_BITS | within) as usize
     }
-}
-
-/// A direction's block, and its place there.
-#[inline]
-fn split(direction: u8) -> (usize, u32) {
-    let within = u32::from(direction) & ((1 << BLOCK_BITS) - 1);
-    (usize::from(direction) >> BLOCK_BITS, within)
 }
 
 /// What a search is asked about a cell when it first comes there.
@@ -208,7 +206,7 @@ impl SearchMemory {
         if self.cells[state.cell()].generation != self.generation {
             self.claim(state.cell(), about(state.cell()));
         }
-        let (block, within) = split(state.direction());
+        let (block, within) = state.split();
         let mut number = self.cells[state.cell()].blocks[block];
         if number == NO_BLOCK {
             number = self.claim_block(state.cell(), block);
@@ -250,7 +248,7 @@ impl SearchMemory {
 
     /// How a state that was reached was reached first at its cost.
     pub(super) fn parent(&self, state: State) -> Parent {
-        self.parents[self.cells[state.cell()].index_of(state.direction())]
+        self.parents[self.cells[state.cell()].index_of(state)]
     }
 
     /// Takes the state with the smallest total from the open list, and its cost. Ties go to the
@@ -262,7 +260,7 @@ impl SearchMemory {
             let key = self.open.pop()?;
             let state = State(key as u32);
             let slot = &self.cells[state.cell()];
-            let cost = self.costs[slot.index_of(state.direction())];
+            let cost = self.costs[slot.index_of(state)];
             // An improved state is pushed again; what was pushed before has a greater total.
             if (key >> 32) as u32 == cost.saturating_add(self.estimate(slot, state)) {
                 return Some((state, cost));

@@ -27,9 +27,9 @@ use rayon::iter::{IntoParallelRefMutIterator, ParallelIterator};
 use swath_bridge::{Outcome, Pose2};
 
 use super::distance::Distances;
-use super::target::{Aims, End, Known, Search, Shared};
+use super::known::{Known, Trunks};
+use super::target::{Aims, End, Search, Shared};
 use super::tree::{Tree, Weights};
-use super::trunk::Trunk;
 use super::tube::Tube;
 use super::work::{Work, is_over};
 use super::{Limits, TargetResult, cell_steps};
@@ -40,7 +40,7 @@ use crate::{Error, Plane};
 
 /// Expansions of each target in a longer search, as a multiple of the first one's.
 const LONGER: u64 = 8;
-/// What part of the trunks' last expansions is for the first of these rounds.
+/// One part in so many of the last trunks' expansions is for the first searches with these.
 const FIRST_SHARE: u64 = 10;
 /// Expansions of each target in a round under a deadline, as a multiple of the round before.
 const NEXT_ROUND: u64 = 4;
@@ -139,56 +139,6 @@ impl Effort {
     /// Of the next search for one of them, however many they are.
     fn each_of_longer(&self, work: &Work) -> u64 {
         self.each_of_few(work).max(LONGER * self.first)
-    }
-}
-
-/// What is known of ways from the vehicle.
-#[derive(Debug, Default)]
-struct Trunks {
-    near: Trunk,
-    /// The same, and some ways farther off.
-    far: Trunk,
-    /// The same as `near`, and as exact farther off.
-    wide: Trunk,
-    /// What everything outside of `wide` costs at least.
-    beyond: Distances,
-    /// Where `wide` ends.
-    rim: Vec<(u32, u32)>,
-}
-
-impl Trunks {
-    /// Makes the far trunk look closer and the wide one go on, by at most so many expansions, and measures
-    /// from where that ends. False if it was stopped.
-    fn go_on(
-        &mut self,
-        frame: &Frame<'_>,
-        (left, distances): (&[usize], &Distances),
-        ((closer, wide), stop): ((u64, u64), &(dyn Fn() -> bool + Sync)),
-    ) -> bool {
-        let on = (frame.map, frame.successors);
-        let ((), is_measured) = rayon::join(
-            || self.far.spread(on, left, (closer, stop)),
-            || {
-                self.wide.grow_on(on, (wide, stop))
-                    && self.wide.rim(&mut self.rim, stop)
-                    && (self.beyond).measure_beyond((frame.map, distances), &mut self.rim, stop)
-            },
-        );
-        is_measured
-    }
-
-    /// All that is known then.
-    const fn known(&self) -> Known<'_> {
-        Known {
-            near: &self.wide,
-            beyond: Some(&self.beyond),
-            far: Some(&self.far),
-        }
-    }
-
-    /// Expansions of all.
-    const fn steps(&self) -> u64 {
-        self.far.steps() + self.wide.steps() - self.near.steps()
     }
 }
 
@@ -378,7 +328,11 @@ impl FrameMemory {
         while !is_over(rules, work) {
             if is_due {
                 let most = (self.effort.closer / share, self.effort.wide / share);
-                if !trunks.go_on(frame, (&work.left, &self.distances), (most, &stop)) {
+                if !trunks.go_on(
+                    (frame.map, frame.successors),
+                    (&work.left, &self.distances),
+                    (most, &stop),
+                ) {
                     break;
                 }
                 self.shared_steps = trunks.steps();

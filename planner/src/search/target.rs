@@ -19,8 +19,9 @@ use swath_bridge::{GridSpec, Outcome};
 use super::bound::{Aim, ROUNDING, parts_of_turn};
 use super::distance::{Distances, NO_WAY};
 use super::goal::Goal;
+use super::known::Known;
 use super::memory::{Parent, State};
-use super::tree::{About, Block, Stage, Tree, Weights, split};
+use super::tree::{About, Block, Stage, Tree, Weights};
 use super::trunk::Trunk;
 use super::tube::Tube;
 use super::{CellStep, Limits, SHORT_STOP_INTERVAL, TargetResult, floor_units, path};
@@ -33,17 +34,6 @@ use crate::motion::{ArrivalBlock, COST_UNITS, Successors};
 /// more than a thousandth.
 const MOST_COST: u32 = u32::MAX - (u32::MAX >> 4);
 
-/// What is known of ways from the vehicle.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Known<'a> {
-    /// Near it, exactly.
-    pub(super) near: &'a Trunk,
-    /// Lower bounds on the costs of all other states, if they were measured.
-    pub(super) beyond: Option<&'a Distances>,
-    /// Some ways farther off, if there are any yet.
-    pub(super) far: Option<&'a Trunk>,
-}
-
 /// What all targets of a frame share.
 #[derive(Debug)]
 pub(super) struct Shared<'a> {
@@ -55,24 +45,6 @@ pub(super) struct Shared<'a> {
     pub(super) known: Known<'a>,
     /// By target: where its path is expected; empty if nothing is known of any.
     pub(super) regions: &'a [Option<Plane>],
-}
-
-impl<'a> Known<'a> {
-    /// What is known at first.
-    pub(super) const fn near(near: &'a Trunk) -> Self {
-        Self {
-            near,
-            beyond: None,
-            far: None,
-        }
-    }
-
-    /// Lower bound on the cost of a state on a cell that is not near, in units; [`NO_WAY`] if there is no
-    /// way to one.
-    fn least_beyond(&self, at: (usize, usize)) -> u32 {
-        let measured = self.beyond.map_or(0, |beyond| beyond.to(at));
-        measured.max(self.near.radius())
-    }
 }
 
 impl Shared<'_> {
@@ -238,7 +210,7 @@ impl<'a> Search<'a> {
         self.region = self.shared.regions.get(number).and_then(Option::as_ref);
         let mut least = NO_WAY;
         for state in goal.states() {
-            let (number, within) = split(state);
+            let (number, within) = state.split();
             let block = self.block(state.cell(), number);
             let here = self.here((state.cell(), number), block);
             least = least.min(self.reach((&here, within), (0, Parent::START)));

@@ -19,11 +19,8 @@ use super::bound::Aim;
 use super::memory::{Parent, Place, State};
 use super::open::OpenList;
 use crate::Error;
-use crate::action::DIRECTIONS;
-use crate::motion::{ArrivalBlock, BLOCK, BLOCK_BITS};
+use crate::motion::{ArrivalBlock, BLOCK, BLOCK_BITS, BLOCKS};
 
-/// States of a cell that neighbour in direction lie together.
-const BLOCKS: usize = DIRECTIONS / BLOCK;
 /// Memory is asked for so many blocks at once, 72 MiB: to make it larger takes milliseconds, when there may
 /// be none left.
 const FIRST_BLOCKS: usize = 1 << 18;
@@ -227,14 +224,14 @@ impl Tree {
     /// The place of a state. If its cell was not reached before, `about` is asked about it.
     #[inline]
     pub(super) fn place(&mut self, state: State, about: impl FnOnce(usize) -> About) -> Place {
-        let (block, within) = split(state);
+        let (block, within) = state.split();
         self.block(state.cell(), block, about).place(within)
     }
 
     /// The place of a state that may not have been reached.
     #[inline]
     pub(super) fn find(&self, state: State) -> Option<Place> {
-        let (block, within) = split(state);
+        let (block, within) = state.split();
         Some(self.find_block(state.cell(), block)?.place(within))
     }
 
@@ -363,15 +360,6 @@ impl Tree {
             self.parents[block][within]
         })
     }
-}
-
-#[inline]
-pub(super) fn split(state: State) -> (usize, u32) {
-    let direction = state.direction();
-    (
-        usize::from(direction) / BLOCK,
-        u32::from(direction) & ((1 << BLOCK_BITS) - 1),
-    )
 }
 
 /// How keys are made of costs.

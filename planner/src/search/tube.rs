@@ -4,14 +4,13 @@
 use swath_bridge::geometry::wrap_angle_rad;
 use swath_bridge::{Cell, Pose2};
 
-use crate::action::{ActionTable, DIRECTIONS};
+use crate::action::ActionTable;
 use crate::collision::CollisionMap;
-use crate::motion::BLOCK;
+use crate::motion::{BLOCK, BLOCKS};
 
 /// So far from a path's poses to either side, cells and directions.
 const CELLS: i32 = 2;
 const TURNS: u8 = 6;
-const BLOCKS: usize = DIRECTIONS / BLOCK;
 
 /// A bit for each direction.
 type Headings = [u32; BLOCKS];
