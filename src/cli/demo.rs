@@ -1,0 +1,22 @@
+//! The options of `swath demo`.
+
+use std::path::PathBuf;
+
+use clap::Args;
+
+/// Run everything at once: two generators, a trainer, a planner on live grids, a recorder.
+#[derive(Debug, Args)]
+#[command(after_help = "Examples:
+  swath demo
+  swath demo --seconds 60 --log drive.mcap --out runs/demo")]
+pub(crate) struct DemoOptions {
+    /// How long to run, seconds
+    #[arg(long, default_value_t = 120, value_parser = clap::value_parser!(u64).range(5..=86400))]
+    pub(crate) seconds: u64,
+    /// Drive log (rosbag2-profile MCAP) for scenes and live grids; may be given again
+    #[arg(long, value_name = "FILE")]
+    pub(crate) log: Vec<PathBuf>,
+    /// Directory for recording, weights and report
+    #[arg(long, default_value = "runs/demo", value_name = "DIR")]
+    pub(crate) out: PathBuf,
+}
