@@ -55,6 +55,7 @@ impl Config {
         let config: Self = toml::from_str(&text).with_context(context)?;
         config.vehicle.validate().with_context(context)?;
         config.grid.validate().with_context(context)?;
+        config.plan.validate().with_context(context)?;
         config.follow.validate().with_context(context)?;
         config.ingest().validate().with_context(context)?;
         config.generator().validate().with_context(context)?;

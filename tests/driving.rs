@@ -23,7 +23,7 @@ use swath_bridge::{Frame, GridSpec, Publisher, Session, Subscriber, Vehicle, key
 use swath_generator::{Drive, Generator, GeneratorConfig, Scenes};
 use swath_planner::check::{CheckLimits, Ends, check_path};
 use swath_planner::report::{path_points, pose_of_planar};
-use swath_planner::{ObstacleConfig, Plane, curvature_limit_per_m};
+use swath_planner::{ObstacleConfig, Plane};
 use tokio::time::{Instant, MissedTickBehavior, interval, timeout};
 
 mod nodes;
@@ -107,7 +107,7 @@ impl Car {
             goal: pose_of_planar(&target.goal),
         };
         let vehicle = Vehicle::default();
-        let limit_per_m = curvature_limit_per_m(&vehicle, report.speed_m_per_s.into());
+        let limit_per_m = vehicle.curvature_limit_per_m(report.speed_m_per_s.into());
         let limits = CheckLimits::new(&vehicle, limit_per_m);
         let found = check_path((&GridSpec::default(), obstacles), &limits, &ends, &points);
         assert!(found.is_empty(), "frame {}: {found:?}", report.frame);

@@ -15,14 +15,22 @@ pub enum Error {
         what: String,
     },
     /// A dimension of the vehicle is out of range.
-    #[error("invalid vehicle: {field} is {value}, expected more than 0 and at most {most}")]
+    #[error("invalid vehicle: {field} is {value}, expected {least} to {most}")]
     InvalidVehicle {
         /// Field of the configuration.
         field: &'static str,
         /// Its value.
         value: f64,
+        /// Least it may be.
+        least: f64,
         /// Most it may be.
         most: f64,
+    },
+    /// A vehicle's table of curvatures cannot be meant.
+    #[error("invalid vehicle: curvature_by_speed: {what}")]
+    CurvatureBySpeed {
+        /// Which row, and what was expected.
+        what: String,
     },
     /// A message did not decode.
     #[error("{topic}: not a {type_name}: {source}")]

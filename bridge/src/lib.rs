@@ -38,5 +38,5 @@ pub use outcome::Outcome;
 pub use publisher::{Publisher, RawPublisher};
 pub use session::{Ports, Session, SessionConfig};
 pub use subscriber::{Counts, Received, Subscriber};
-pub use vehicle::Vehicle;
+pub use vehicle::{CurvatureAtSpeed, CurvatureBySpeed, SpeedLimits, Vehicle};
 pub use weights_store::WeightsStore;

@@ -1,7 +1,6 @@
 //! Targets along and across the reference path.
 
 use swath_bridge::{GridSpec, Pose2};
-use swath_planner::curvature_limit_per_m;
 
 use crate::config::GeneratorConfig;
 use crate::dice::Dice;
@@ -39,7 +38,7 @@ pub(crate) fn choose(scene: &Scene, config: &GeneratorConfig, dice: &mut Dice) -
 
 /// How far the vehicle can get to a side over a distance along: an arc there and an arc back.
 fn farthest_aside_m(scene: &Scene, config: &GeneratorConfig, along_m: f64) -> f64 {
-    let curvature_per_m = curvature_limit_per_m(&config.vehicle, scene.speed_m_per_s);
+    let curvature_per_m = config.vehicle.curvature_limit_per_m(scene.speed_m_per_s);
     0.25 * along_m * along_m * curvature_per_m
 }
 

@@ -20,7 +20,8 @@ use swath_bridge::{GridSpec, Outcome, Pose2, Vehicle};
 use swath_planner::check::{CheckLimits, Ends, Fault, check_path};
 use swath_planner::smooth::{ObstacleCells, SmoothConfig, SmoothRequest, Smoother};
 use swath_planner::{
-    CollisionMap, CpuTimer, Method, MotionModel, PlanConfig, Plane, Planner, TargetPlan, millis,
+    CollisionMap, CpuTimer, GoalTolerance, Method, MotionModel, PlanConfig, Plane, Planner,
+    TargetPlan, millis,
 };
 
 #[path = "../tests/data/mod.rs"]
@@ -153,6 +154,7 @@ impl Problem {
             let request = SmoothRequest {
                 chords: &plan.result.path,
                 goal: plan.goal,
+                tolerance: GoalTolerance::default(),
                 speed_m_per_s,
                 start_curvature_per_m: Some(0.0),
                 stop: None,

@@ -42,7 +42,7 @@ impl CheckLimits {
         Self {
             vehicle: *vehicle,
             max_curvature_per_m,
-            max_curvature_rate_per_m2: 0.3,
+            max_curvature_rate_per_m2: vehicle.max_curvature_rate_per_m2,
             tolerance: 0.01,
             max_spacing_m: 0.2,
             tested_every_m: 0.05,

@@ -40,6 +40,18 @@ pub enum Error {
         /// Targets that there are.
         goals: usize,
     },
+    /// A setting of planning is out of its range.
+    #[error("plan.{field} is {value}, expected {least} to {most}")]
+    PlanConfig {
+        /// Which.
+        field: &'static str,
+        /// What it is.
+        value: f64,
+        /// Least that it may be.
+        least: f64,
+        /// Most that it may be.
+        most: f64,
+    },
     /// A setting of following paths is out of its range.
     #[error("follow.{field} is {value}, expected 0 to {most}")]
     FollowConfig {

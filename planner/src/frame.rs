@@ -267,6 +267,7 @@ impl FramePlanner {
             vehicle: self.model.vehicle(),
             config: &config.smoothing,
             speed_m_per_s: config.speed_m_per_s,
+            tolerance: config.goal,
             order: &order_of(input.goals, config.order),
             is_late: &is_late,
         };

@@ -8,6 +8,7 @@ use crate::kernel::Kernel;
 use crate::search::{Distances, Goal, Passable};
 use crate::segment::Segment;
 use crate::smooth::{Footprint, LEAST_GAP_M, ObstacleCells, State, contact_gap_m};
+use crate::tolerance::Target;
 
 /// Longest piece of a segment for which nearby cells are gathered at once, metres.
 const PIECE_M: f64 = 0.6;
@@ -56,7 +57,8 @@ impl Ground {
     /// Whether the rectangle at a pose touches nothing and its reference point is on the map.
     pub(crate) fn is_free(&self, pose: &Pose2) -> bool {
         let placed = self.footprint.placed(pose);
-        self.cells.holds((pose.x_m, pose.y_m), 0.0) && self.cells.is_clear(&placed, LEAST_GAP_M)
+        let cells = self.cells.scaled(1.0);
+        cells.holds((pose.x_m, pose.y_m), 0.0) && cells.is_clear(&placed, LEAST_GAP_M)
     }
 
     /// The end of a segment, if it can be driven from a pose that is free.
@@ -71,6 +73,7 @@ impl Ground {
         let bend = segment.curvature_per_m;
         // Between its ends a piece lies aside of its chord by no more than this.
         let margin_m = 0.125 * bend.abs() * length_m * length_m;
+        let cells = self.cells.scaled(1.0);
         let mut pose = *from;
         let mut piece = 0.0;
         while piece < pieces {
@@ -82,9 +85,8 @@ impl Ground {
             };
             piece += 1.0;
             pose = segment.after(from, length_m * piece);
-            if !self.cells.holds((pose.x_m, pose.y_m), margin_m)
-                || contact_gap_m(&self.cells, &self.footprint, (&state, 0.0, length_m), near)
-                    .is_some()
+            if !cells.holds((pose.x_m, pose.y_m), margin_m)
+                || contact_gap_m(&cells, &self.footprint, (&state, 0.0, length_m), near).is_some()
             {
                 return None;
             }
@@ -104,8 +106,12 @@ impl Ground {
     }
 
     /// A goal on this ground, unless it is known without a search what becomes of it.
-    pub(crate) fn goal(&self, map: &CollisionMap, pose: &Pose2) -> Result<Goal, Outcome> {
-        let goal = Goal::new(map, pose)?;
+    pub(crate) fn goal(
+        &self,
+        map: &CollisionMap,
+        target: impl Into<Target>,
+    ) -> Result<Goal, Outcome> {
+        let goal = Goal::new(map, target)?;
         if self.is_walled_off(&goal) {
             return Err(Outcome::Unreachable);
         }

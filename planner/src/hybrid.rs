@@ -28,6 +28,7 @@ use crate::guidance::Guidance;
 use crate::motion::COST_UNITS;
 use crate::search::{Distances, Goal, Limits, SHORT_STOP_INTERVAL, TargetResult};
 use crate::segment::{Segment, driven};
+use crate::tolerance::Target;
 
 /// Side of a square in which one pose is kept for each range of headings, cells.
 const SQUARE_CELLS: f64 = 2.0;
@@ -93,7 +94,7 @@ pub(crate) struct HybridMemory {
 pub(crate) fn hybrid(
     (map, ground): (&CollisionMap, &Ground),
     curvature_per_m: f64,
-    (goal, guidance): (&Pose2, Guidance<'_>),
+    (goal, guidance): (impl Into<Target>, Guidance<'_>),
     limits: Limits<'_>,
     memory: &mut HybridMemory,
 ) -> Result<TargetResult, Error> {

@@ -21,18 +21,6 @@ pub use successors::Successors;
 /// Costs are counted in units of 2⁻²⁰ (about a micrometre), so that sums are exact.
 pub(crate) const COST_UNITS: f64 = 1_048_576.0;
 
-/// TiEV's table: speed in km/h and the largest curvature in 1/m that it allows.
-const CURVATURE_BY_SPEED: [(f64, f64); 8] = [
-    (5.0, 0.2),
-    (10.0, 0.134_37),
-    (20.0, 0.039_39),
-    (30.0, 0.019_22),
-    (40.0, 0.011_55),
-    (50.0, 0.007_78),
-    (60.0, 0.005_6),
-    (70.0, 0.004_29),
-];
-
 /// The lookup table of one vehicle at one resolution, with the cells that each motion sweeps.
 ///
 /// It is built once (some ten milliseconds) and shared by all maps.
@@ -138,11 +126,6 @@ impl MotionModel {
         Successors::new(self, speed_m_per_s)
     }
 
-    /// The tightest curvature at a speed, 1/m: that of the speed or of the vehicle.
-    pub fn curvature_limit_per_m(&self, speed_m_per_s: f64) -> f64 {
-        curvature_limit_per_m(&self.vehicle, speed_m_per_s)
-    }
-
     /// The paper's angle limit: curvature times the mean length of the two actions, radians.
     ///
     /// The action that led to a heading is not part of a state; its length is taken to be that of the
@@ -157,27 +140,6 @@ impl MotionModel {
         let turn = angle_between_rad(self.table.angle_rad(from), self.table.angle_rad(to));
         if turn > PI { turn - TAU } else { turn }
     }
-}
-
-/// The tightest curvature of a vehicle at a speed, 1/m: that of the speed or its own.
-pub fn curvature_limit_per_m(vehicle: &Vehicle, speed_m_per_s: f64) -> f64 {
-    max_curvature_per_m(speed_m_per_s).min(1.0 / vehicle.min_turning_radius_m)
-}
-
-/// The largest curvature that a speed allows by TiEV's table, 1/m: interpolated, clamped outside.
-pub fn max_curvature_per_m(speed_m_per_s: f64) -> f64 {
-    let speed_km_per_h = speed_m_per_s.abs() * 3.6;
-    let [first, .., last] = CURVATURE_BY_SPEED;
-    if speed_km_per_h.is_nan() || speed_km_per_h >= last.0 {
-        return last.1;
-    }
-    CURVATURE_BY_SPEED
-        .windows(2)
-        .find(|pair| speed_km_per_h < pair[1].0)
-        .map_or(first.1, |pair| {
-            let share = (speed_km_per_h - pair[0].0) / (pair[1].0 - pair[0].0);
-            pair[0].1 + share.max(0.0) * (pair[1].1 - pair[0].1)
-        })
 }
 
 /// The counter-clockwise angle from one heading to another, radians in [0, 2π).
@@ -219,22 +181,5 @@ impl Side {
             Self::Left => heading.wrapping_add(turned),
             Self::Right => heading.wrapping_sub(turned).wrapping_sub(1),
         }
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn curvature_follows_tievs_table() {
-        for (speed_km_per_h, curvature) in CURVATURE_BY_SPEED {
-            assert!((max_curvature_per_m(speed_km_per_h / 3.6) - curvature).abs() < 1e-9);
-        }
-        assert_eq!(max_curvature_per_m(0.0), 0.2);
-        assert_eq!(max_curvature_per_m(99.0), 0.004_29);
-        assert_eq!(max_curvature_per_m(f64::NAN), 0.004_29);
-        let between = max_curvature_per_m(7.5 / 3.6);
-        assert!((between - f64::midpoint(0.2, 0.134_37)).abs() < 1e-9);
     }
 }

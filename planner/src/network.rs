@@ -16,6 +16,7 @@ mod parameters;
 mod predictor;
 mod reach;
 mod reference;
+mod speed_limits;
 
 pub use autograd::Differentiable;
 pub use engine::{Dropout, Isa, Training};

@@ -33,7 +33,6 @@ use tokio::time::Instant;
 
 use crate::frame::{FramePlan, FramePlanner, ObstacleConfig, Start};
 use crate::method::Method;
-use crate::motion::curvature_limit_per_m;
 use crate::network::Network;
 use crate::plan::PlanConfig;
 use crate::report::plan_report;
@@ -343,7 +342,7 @@ impl Node {
             self.targets.clone()
         };
         let vehicle = &self.config.vehicle;
-        let limit_per_m = curvature_limit_per_m(vehicle, self.speed_m_per_s);
+        let limit_per_m = vehicle.curvature_limit_per_m(self.speed_m_per_s);
         let departure = self.follower.depart(
             grid.message.header.stamp.nanos(),
             (&occupancy.spec, &obstacles),

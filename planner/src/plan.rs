@@ -20,6 +20,7 @@ use crate::search::{
 };
 use crate::smooth::{Drivability, DrivablePath, SmoothConfig};
 use crate::timing::CpuTimer;
+use crate::tolerance::{GoalTolerance, Target};
 use crate::{Error, Plane};
 
 /// Which targets come first when time is short.
@@ -51,6 +52,8 @@ pub struct PlanConfig {
     pub asks_network: bool,
     /// Greatest cost of a path as a multiple of the optimum, for `weighted` and `swath`; 1 to 64.
     pub epsilon: f64,
+    /// How near to a goal a path has to end.
+    pub goal: GoalTolerance,
     /// Most time for one target's search, milliseconds elapsed; 0 for no limit. Not for `swath`.
     pub time_limit_ms: u64,
     /// Most expansions for one target's search, or iterations of `rrt-star`; 0 for no limit (and 4000 of
@@ -68,7 +71,54 @@ pub struct PlanConfig {
     pub seed: u64,
 }
 
+/// Greatest speed, m/s, and most time, milliseconds, that can be asked for.
+const MOST_SPEED_M_PER_S: f64 = 100.0;
+const MOST_TIME_MS: f64 = 3_600_000.0;
+
 impl PlanConfig {
+    /// Whether every setting is in its range.
+    ///
+    /// # Errors
+    /// [`Error::PlanConfig`] names the first that is not; those of [`SmoothConfig::validate`].
+    pub fn validate(&self) -> Result<(), Error> {
+        for (field, value, least, most) in [
+            ("speed_m_per_s", self.speed_m_per_s, 0.0, MOST_SPEED_M_PER_S),
+            ("region_weight", self.region_weight, 1e-3, 1.0),
+            ("epsilon", self.epsilon, 1.0, 64.0),
+            (
+                "time_limit_ms",
+                self.time_limit_ms as f64,
+                0.0,
+                MOST_TIME_MS,
+            ),
+            (
+                "frame_deadline_ms",
+                self.frame_deadline_ms as f64,
+                0.0,
+                MOST_TIME_MS,
+            ),
+        ] {
+            if !(value >= least && value <= most) {
+                return Err(Error::PlanConfig {
+                    field,
+                    value,
+                    least,
+                    most,
+                });
+            }
+        }
+        self.goal.validate()?;
+        self.smoothing.validate()
+    }
+
+    /// A pose to reach as nearly as the configuration says.
+    const fn target(&self, pose: &Pose2) -> Target {
+        Target {
+            pose: *pose,
+            tolerance: self.goal,
+        }
+    }
+
     /// Whether a network is of use to the method.
     pub const fn uses_network(&self) -> bool {
         self.method.needs_regions() || (self.asks_network && matches!(self.method, Method::Swath))
@@ -84,6 +134,7 @@ impl Default for PlanConfig {
             region_shrink_cells: 3,
             asks_network: false,
             epsilon: 1.2,
+            goal: GoalTolerance::default(),
             time_limit_ms: 0,
             max_expansions: 0,
             frame_deadline_ms: 0,
@@ -181,6 +232,8 @@ impl Planner {
                 Guidance::inside(&regions[index], config.region_weight)
             })
         };
+        config.goal.validate()?;
+        let target = |pose: &Pose2| config.target(pose);
         let successors = || map.model().successors(config.speed_m_per_s);
         let frame = (goals, deadline);
         match config.method {
@@ -192,7 +245,7 @@ impl Planner {
                     let guidance = narrower.as_ref().map_or(Guidance::NONE, |cells| {
                         Guidance::inside(cells, config.region_weight)
                     });
-                    let goal = (goal, guidance);
+                    let goal = (target(goal), guidance);
                     self.memories
                         .with(|memory| search(map, &successors, goal, limits, memory))
                 })
@@ -200,7 +253,7 @@ impl Planner {
             Method::Weighted => {
                 let successors = successors();
                 each_target(frame, config, |_, goal, limits| {
-                    let goal = (goal, config.epsilon);
+                    let goal = (target(goal), config.epsilon);
                     self.weighted
                         .with(|memory| search_weighted(map, &successors, goal, limits, memory))
                 })
@@ -235,9 +288,12 @@ impl Planner {
         config: &PlanConfig,
     ) -> Result<Vec<TargetPlan>, Error> {
         let ground = Ground::surveyed(map);
-        let curvature_per_m = map.model().curvature_limit_per_m(config.speed_m_per_s);
+        let curvature_per_m = map
+            .model()
+            .vehicle()
+            .curvature_limit_per_m(config.speed_m_per_s);
         each_target(frame, config, |index, goal, limits| {
-            let goal = (goal, guidance(index));
+            let goal = (config.target(goal), guidance(index));
             self.hybrid
                 .with(|memory| hybrid((map, &ground), curvature_per_m, goal, limits, memory))
         })
@@ -252,9 +308,12 @@ impl Planner {
         config: &PlanConfig,
     ) -> Result<Vec<TargetPlan>, Error> {
         let ground = Ground::new(map);
-        let curvature_per_m = map.model().curvature_limit_per_m(config.speed_m_per_s);
+        let curvature_per_m = map
+            .model()
+            .vehicle()
+            .curvature_limit_per_m(config.speed_m_per_s);
         each_target(frame, config, |index, goal, limits| {
-            let goal = (goal, guidance(index));
+            let goal = (config.target(goal), guidance(index));
             let drawing = Drawing {
                 curvature_per_m,
                 seed: config.seed,
@@ -283,6 +342,7 @@ impl Planner {
             map,
             successors,
             goals,
+            tolerance: config.goal,
             order: &order,
             regions,
         };

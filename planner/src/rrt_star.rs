@@ -26,8 +26,9 @@ use swath_bridge::{Outcome, Pose2};
 use crate::collision::CollisionMap;
 use crate::ground::{Ground, Nearby};
 use crate::guidance::{Guidance, RegionSampler, unit};
-use crate::search::{GOAL_TOLERANCE_M, GOAL_TOLERANCE_RAD, Goal, Limits, TargetResult};
+use crate::search::{Goal, Limits, TargetResult};
 use crate::segment::{Segment, cost_of, driven};
+use crate::tolerance::Target;
 use crate::{Error, dubins};
 
 use tree::{ROOT, Tree};
@@ -85,7 +86,7 @@ pub(crate) struct Drawing {
 pub(crate) fn rrt_star(
     (map, ground): (&CollisionMap, &Ground),
     drawing: Drawing,
-    (goal, guidance): (&Pose2, Guidance<'_>),
+    (goal, guidance): (impl Into<Target>, Guidance<'_>),
     limits: Limits<'_>,
     memory: &mut RrtMemory,
 ) -> Result<TargetResult, Error> {
@@ -221,9 +222,10 @@ impl Search<'_> {
         if aside(1.0) < 0.0 {
             return ((goal.x_m, goal.y_m), Some(goal.yaw_rad));
         }
-        let most_m = GOAL_TOLERANCE_M * std::f64::consts::FRAC_1_SQRT_2;
+        let tolerance = self.goal.tolerance();
+        let most_m = tolerance.tolerance_m * std::f64::consts::FRAC_1_SQRT_2;
         let point = (goal.x_m + aside(most_m), goal.y_m + aside(most_m));
-        (point, Some(goal.yaw_rad + aside(GOAL_TOLERANCE_RAD)))
+        (point, Some(goal.yaw_rad + aside(tolerance.tolerance_rad)))
     }
 
     /// The pose to which the nearest one of the tree goes on its way to a point.

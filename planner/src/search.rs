@@ -42,13 +42,13 @@ use crate::action::{ACTIONS, AHEAD, DIRECTIONS};
 use crate::collision::{CollisionMap, WORD};
 use crate::guidance::Guidance;
 use crate::motion::{COST_UNITS, Fan, Successors};
+use crate::tolerance::Target;
 
 pub use bound::Bound;
 pub(crate) use distance::{Distances, Passable};
 pub(crate) use goal::Goal;
 pub(crate) use path::POSE_SPACING_M;
 
-pub use goal::{GOAL_TOLERANCE_M, GOAL_TOLERANCE_RAD};
 pub use memory::SearchMemory;
 pub use swath::{Frame, FrameMemory, Regions, Rules};
 pub use weighted::{WeightedMemory, search_weighted};
@@ -144,7 +144,7 @@ impl TargetResult {
 pub fn search(
     map: &CollisionMap,
     successors: &Successors,
-    target: (&Pose2, Guidance<'_>),
+    target: (impl Into<Target>, Guidance<'_>),
     limits: Limits<'_>,
     memory: &mut SearchMemory,
 ) -> Result<TargetResult, Error> {
@@ -171,7 +171,7 @@ pub fn search(
 pub fn search_bounded(
     map: &CollisionMap,
     successors: &Successors,
-    target: (&Pose2, Bound),
+    target: (impl Into<Target>, Bound),
     limits: Limits<'_>,
     memory: &mut SearchMemory,
 ) -> Result<TargetResult, Error> {

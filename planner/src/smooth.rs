@@ -10,10 +10,12 @@
 mod clothoid;
 mod cost;
 mod drivable;
+mod ending;
 mod footprint;
 mod obstacles;
 mod optimise;
 mod reference;
+mod scale;
 mod verify;
 
 use serde::{Deserialize, Serialize};
@@ -21,9 +23,8 @@ use swath_bridge::geometry::wrap_angle_rad;
 use swath_bridge::{Pose2, Vehicle};
 
 use crate::Error;
-use crate::motion::curvature_limit_per_m;
 use crate::path_point::PathPoint;
-use crate::search::{GOAL_TOLERANCE_M, GOAL_TOLERANCE_RAD};
+use crate::tolerance::GoalTolerance;
 
 pub(crate) use clothoid::State;
 pub(crate) use footprint::Footprint;
@@ -37,11 +38,21 @@ use cost::{Cost, Nearby, Weights};
 use drivable::as_chords;
 use optimise::{Limits, Optimiser, Trajectory};
 use reference::{Guess, Reference};
+use scale::Scale;
 
 /// Farthest that two points of a path lie apart, metres.
 pub const POINT_SPACING_M: f64 = 0.2;
 /// Longest path that is smoothed, in steps of [`POINT_SPACING_M`].
 pub const MAX_STEPS: usize = 8192;
+/// A path that ends so near to the goal ends at it, metres and radians.
+const AT_GOAL_M: f64 = 0.01;
+const AT_GOAL_RAD: f64 = 0.01;
+/// Most iterations to bring a path that is good to the goal itself.
+const ITERATIONS_TO_GOAL: usize = 30;
+/// Where the tolerance of the heading is wider than this, any heading within it is as good, radians.
+const MOST_TURN_TO_GOAL_RAD: f64 = 0.6;
+/// Most iterations that one attempt may be given.
+const MOST_ITERATIONS: f64 = 10_000.0;
 /// Widest gap that may be preferred, metres.
 const MAX_PREFERRED_GAP_M: f64 = 2.0;
 /// The goal's tolerance and the points' distance are kept with this to spare, metres and radians, for
@@ -64,21 +75,41 @@ const ITERATIONS_A_ROUND: usize = 15;
 const RELAXED_CURVATURE: f64 = 2.0;
 const RELAXED_RATE: f64 = 4.0;
 
+/// Where a path is to end.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Ending {
+    AtGoal,
+    WithinTolerance,
+}
+
 /// How one attempt weighs things.
 #[derive(Debug, Clone, Copy)]
 struct Attempt {
+    /// Weight of metres from the goal, squared, and of radians.
+    off_goal: f64,
+    turned_from_goal: f64,
     stray: f64,
     /// Share of the gap that is preferred.
     gap_share: f64,
 }
 
-/// First with room to shorten and straighten, then close to the chords.
-const ATTEMPTS: [Attempt; 2] = [
+/// First to the goal itself, then with room to shorten and straighten, then close to the chords.
+const ATTEMPTS: [Attempt; 3] = [
     Attempt {
+        off_goal: 100.0,
+        turned_from_goal: 200.0,
         stray: 0.02,
         gap_share: 1.0,
     },
     Attempt {
+        off_goal: 0.2,
+        turned_from_goal: 0.2,
+        stray: 0.02,
+        gap_share: 1.0,
+    },
+    Attempt {
+        off_goal: 0.2,
+        turned_from_goal: 0.2,
         stray: 1.0,
         gap_share: 0.4,
     },
@@ -88,18 +119,34 @@ const ATTEMPTS: [Attempt; 2] = [
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct SmoothConfig {
-    /// Most that the curvature may change along the path, 1/m².
-    pub max_curvature_rate_per_m2: f64,
     /// Gap to obstacles that is preferred, metres; less is taken where it must be.
     pub preferred_gap_m: f64,
     /// Most iterations for one attempt.
     pub max_iterations: usize,
 }
 
+impl SmoothConfig {
+    /// Whether every setting is in its range.
+    ///
+    /// # Errors
+    /// [`Error::SmoothConfig`] names the one that is not.
+    pub fn validate(&self) -> Result<(), Error> {
+        let iterations = self.max_iterations as f64;
+        for (field, value, most) in [
+            ("preferred_gap_m", self.preferred_gap_m, MAX_PREFERRED_GAP_M),
+            ("max_iterations", iterations, MOST_ITERATIONS),
+        ] {
+            if !(value > 0.0 && value <= most) {
+                return Err(Error::SmoothConfig { field, value, most });
+            }
+        }
+        Ok(())
+    }
+}
+
 impl Default for SmoothConfig {
     fn default() -> Self {
         Self {
-            max_curvature_rate_per_m2: 0.3,
             preferred_gap_m: 0.25,
             max_iterations: 60,
         }
@@ -113,6 +160,8 @@ pub struct SmoothRequest<'a> {
     pub chords: &'a [Pose2],
     /// What it leads to.
     pub goal: Pose2,
+    /// How near to the goal the path has to end.
+    pub tolerance: GoalTolerance,
     /// The vehicle's speed, m/s; it limits the curvature.
     pub speed_m_per_s: f64,
     /// Curvature that the vehicle drives at the start, 1/m, which is clamped to the limit; `None` if
@@ -128,6 +177,7 @@ impl std::fmt::Debug for SmoothRequest<'_> {
             .debug_struct("SmoothRequest")
             .field("chords", &self.chords)
             .field("goal", &self.goal)
+            .field("tolerance", &self.tolerance)
             .field("speed_m_per_s", &self.speed_m_per_s)
             .field("start_curvature_per_m", &self.start_curvature_per_m)
             .field("stop", &self.stop.map(|_| "callback"))
@@ -146,12 +196,20 @@ pub(crate) struct Tried {
 #[derive(Debug)]
 pub struct Smoother {
     vehicle: Vehicle,
+    scale: Scale,
     config: SmoothConfig,
+    /// Chords and goal in units of the scale.
+    chords: Vec<Pose2>,
+    goal: Pose2,
     reference: Reference,
     guess: Guess,
     nearby: Nearby,
     optimiser: Optimiser,
     path: Trajectory,
+    /// The same in metres.
+    driven: Trajectory,
+    /// One that was tested and found good.
+    good: Trajectory,
     near: Vec<(f64, f64)>,
 }
 
@@ -163,30 +221,20 @@ impl Smoother {
     /// that are out of range.
     pub fn new(vehicle: &Vehicle, config: SmoothConfig) -> Result<Self, Error> {
         vehicle.validate()?;
-        for (field, value, most) in [
-            (
-                "max_curvature_rate_per_m2",
-                config.max_curvature_rate_per_m2,
-                100.0,
-            ),
-            (
-                "preferred_gap_m",
-                config.preferred_gap_m,
-                MAX_PREFERRED_GAP_M,
-            ),
-        ] {
-            if !(value > 0.0 && value <= most) {
-                return Err(Error::SmoothConfig { field, value, most });
-            }
-        }
+        config.validate()?;
         Ok(Self {
             vehicle: *vehicle,
+            scale: Scale::of(vehicle),
             config,
+            chords: Vec::new(),
+            goal: Pose2::default(),
             reference: Reference::default(),
             guess: Guess::default(),
             nearby: Nearby::default(),
             optimiser: Optimiser::default(),
             path: Trajectory::default(),
+            driven: Trajectory::default(),
+            good: Trajectory::default(),
             near: Vec::new(),
         })
     }
@@ -198,7 +246,7 @@ impl Smoother {
 
     /// The curvature that the vehicle's paths keep to at a speed, 1/m.
     pub fn curvature_limit_per_m(&self, speed_m_per_s: f64) -> f64 {
-        curvature_limit_per_m(&self.vehicle, speed_m_per_s)
+        self.vehicle.curvature_limit_per_m(speed_m_per_s)
     }
 
     /// Makes a chord path drivable.
@@ -220,7 +268,7 @@ impl Smoother {
             shortfall: Shortfall::Input,
             iterations: 0,
         };
-        if !self.set_reference(request) {
+        if !self.set_reference(request, Ending::AtGoal) {
             return Err(tried);
         }
         let limits = self.limits(request, Drivability::AtSpeed);
@@ -243,7 +291,9 @@ impl Smoother {
         tried: Tried,
     ) -> DrivablePath {
         let (mut shortfall, mut iterations) = (tried.shortfall, tried.iterations);
-        if matches!(shortfall, Shortfall::Input | Shortfall::Time) || !self.set_reference(request) {
+        if matches!(shortfall, Shortfall::Input | Shortfall::Time)
+            || !self.set_reference(request, Ending::WithinTolerance)
+        {
             return as_chords(request.chords, shortfall, iterations);
         }
         let at_speed = self.curvature_limit_per_m(request.speed_m_per_s);
@@ -257,7 +307,7 @@ impl Smoother {
             }
             let limits = self.limits(request, drivability);
             let is_at_speed = drivability == Drivability::AtSpeed;
-            for attempt in &ATTEMPTS[usize::from(is_at_speed)..] {
+            for attempt in &ATTEMPTS[1..] {
                 match self.attempt(cells, request, (&limits, *attempt), &mut iterations) {
                     Ok(()) => {
                         let shortfall = (!is_at_speed).then_some(shortfall);
@@ -275,22 +325,33 @@ impl Smoother {
     }
 
     /// Whether there is something to smooth.
-    fn set_reference(&mut self, request: &SmoothRequest<'_>) -> bool {
+    fn set_reference(&mut self, request: &SmoothRequest<'_>, ending: Ending) -> bool {
         request.chords.iter().all(Pose2::is_finite)
             && request.goal.is_finite()
             && request.start_curvature_per_m.is_none_or(f64::is_finite)
-            && self
-                .reference
-                .fit(request.chords, POINT_SPACING_M - SLACK, MAX_STEPS)
+            && {
+                self.scale.poses(request.chords, &mut self.chords);
+                self.goal = self.scale.pose(&request.goal);
+                if let Some(last) = self.chords.last()
+                    && request.tolerance.tolerance_rad > MOST_TURN_TO_GOAL_RAD
+                {
+                    self.goal.yaw_rad = last.yaw_rad;
+                }
+                if ending == Ending::AtGoal {
+                    ending::bring_to(&self.goal, &mut self.chords);
+                }
+                self.reference
+                    .fit(&self.chords, POINT_SPACING_M - SLACK, MAX_STEPS)
+            }
     }
 
     fn least_radius_curvature(&self) -> f64 {
         1.0 / self.vehicle.min_turning_radius_m
     }
 
-    /// What a path may do that is to be as drivable.
+    /// What a path may do that is to be as drivable, in units of the scale.
     fn limits(&self, request: &SmoothRequest<'_>, drivability: Drivability) -> Limits {
-        let rate_per_m2 = self.config.max_curvature_rate_per_m2;
+        let rate_per_m2 = self.vehicle.max_curvature_rate_per_m2;
         let (curvature_per_m, rate_per_m2) = match drivability {
             Drivability::AtSpeed => (
                 self.curvature_limit_per_m(request.speed_m_per_s),
@@ -303,8 +364,8 @@ impl Smoother {
             ),
         };
         Limits {
-            curvature_per_m,
-            rate_per_m2,
+            curvature_per_m: self.scale.curvature(curvature_per_m),
+            rate_per_m2: self.scale.rate(rate_per_m2),
             start_is_free: request.start_curvature_per_m.is_none(),
         }
     }
@@ -331,7 +392,9 @@ impl Smoother {
         (limits, attempt): (&Limits, Attempt),
         iterations: &mut usize,
     ) -> Result<(), Shortfall> {
-        let footprint = Footprint::new(&self.vehicle, cells.spec().resolution_m);
+        let vehicle = self.scale.vehicle(&self.vehicle);
+        let cells_here = cells.scaled(self.scale.factor());
+        let footprint = Footprint::new(&vehicle, cells_here.resolution_m());
         self.set_out(request, limits);
         let mut weights = Weights {
             bend: 1.0,
@@ -339,11 +402,12 @@ impl Smoother {
             stray: attempt.stray,
             length: 0.05,
             near: 1.0,
-            preferred_gap_m: attempt.gap_share * self.config.preferred_gap_m,
+            preferred_gap_m: attempt.gap_share * self.scale.length(self.config.preferred_gap_m),
             contact: FIRST_CONTACT,
             needed_gap_m: NEEDED_GAP_M,
             goal: FIRST_CONTACT,
-            off_goal: 0.2,
+            off_goal: attempt.off_goal,
+            turned_from_goal: attempt.turned_from_goal,
         };
         self.optimiser.restart();
         let mut used = 0;
@@ -357,7 +421,7 @@ impl Smoother {
             }
             // The cells near a path are gathered again when it has moved away from them.
             self.nearby.update(
-                cells,
+                &cells_here,
                 &footprint,
                 &self.path.states,
                 (weights.preferred_gap_m, anew),
@@ -369,7 +433,8 @@ impl Smoother {
                 places: &self.reference.places,
                 place_of: &self.guess.places,
                 nearby: &self.nearby,
-                goal: request.goal,
+                goal: self.goal,
+                tolerance: self.scale.tolerance(request.tolerance),
                 step_m: self.reference.step_m,
             };
             let progress =
@@ -380,10 +445,25 @@ impl Smoother {
             if !(progress.is_settled || progress.is_finished || in_round >= ITERATIONS_A_ROUND) {
                 continue;
             }
-            result = self.check(cells, &footprint, &request.goal);
+            let checked = self.check(cells, request);
+            if checked.is_ok() {
+                result = checked;
+                let is_as_near_as_it_gets = progress.is_finished
+                    || used >= ITERATIONS_TO_GOAL
+                    || self.is_at_goal(request)
+                    || attempt.off_goal < FIRST_CONTACT;
+                if is_as_near_as_it_gets {
+                    break;
+                }
+                self.good.copy_from(&self.driven);
+                continue;
+            }
             if result.is_ok() {
+                // It was better before it came still nearer to the goal.
+                self.driven.copy_from(&self.good);
                 break;
             }
+            result = checked;
             if progress.is_finished || in_round >= ITERATIONS_A_ROUND {
                 if weights.contact >= MOST_CONTACT {
                     break;
@@ -400,14 +480,14 @@ impl Smoother {
 
     /// The path to start from: the chords as a driver would follow them.
     fn set_out(&mut self, request: &SmoothRequest<'_>, limits: &Limits) {
-        let first = request.chords[0];
+        let first = self.chords[0];
         let start = State {
             x_m: first.x_m,
             y_m: first.y_m,
             yaw_rad: first.yaw_rad,
-            curvature_per_m: request
-                .start_curvature_per_m
-                .unwrap_or(0.0)
+            curvature_per_m: self
+                .scale
+                .curvature(request.start_curvature_per_m.unwrap_or(0.0))
                 .clamp(-limits.curvature_per_m, limits.curvature_per_m),
         };
         let bounds = (limits.curvature_per_m, limits.rate_per_m2);
@@ -417,20 +497,23 @@ impl Smoother {
         self.path.step_m = self.reference.step_m;
     }
 
-    /// Whether the path is free, on the map, and ends in the goal's tolerance.
+    /// Whether the path is free, on the map, and ends in the goal's tolerance. It is tested in metres.
     fn check(
         &mut self,
         cells: &ObstacleCells,
-        footprint: &Footprint,
-        goal: &Pose2,
+        request: &SmoothRequest<'_>,
     ) -> Result<(), Shortfall> {
-        let path = &self.path;
+        let (goal, tolerance) = (&request.goal, &request.tolerance);
+        let footprint = Footprint::new(&self.vehicle, cells.spec().resolution_m);
+        self.scale.back(&self.path, &mut self.driven);
+        let cells = cells.scaled(1.0);
+        let path = &self.driven;
         let Some(last) = path.states.last() else {
             return Err(Shortfall::Input);
         };
         let off_m = libm::hypot(last.x_m - goal.x_m, last.y_m - goal.y_m);
         let off_rad = wrap_angle_rad(last.yaw_rad - goal.yaw_rad).abs();
-        if !(off_m <= GOAL_TOLERANCE_M - SLACK && off_rad <= GOAL_TOLERANCE_RAD - SLACK) {
+        if !(off_m <= tolerance.tolerance_m - SLACK && off_rad <= tolerance.tolerance_rad - SLACK) {
             return Err(Shortfall::Goal);
         }
         let is_on_map = |state: &State| cells.holds((state.x_m, state.y_m), MAP_MARGIN_M);
@@ -438,13 +521,24 @@ impl Smoother {
             return Err(Shortfall::OffMap);
         }
         let driven = (path.states.as_slice(), path.rates_per_m2.as_slice());
-        let contact = verify::first_contact(cells, footprint, driven, path.step_m, &mut self.near);
+        let contact =
+            verify::first_contact(&cells, &footprint, driven, path.step_m, &mut self.near);
         contact.map_or(Ok(()), |_| Err(Shortfall::Contact))
+    }
+
+    /// Whether the path ends at the goal itself.
+    fn is_at_goal(&self, request: &SmoothRequest<'_>) -> bool {
+        let goal = self.scale.pose_back(&self.goal);
+        self.driven.states.last().is_some_and(|last| {
+            let pose = last.pose();
+            pose.distance_m(&goal) <= AT_GOAL_M.min(request.tolerance.tolerance_m)
+                && wrap_angle_rad(pose.yaw_rad - goal.yaw_rad).abs() <= AT_GOAL_RAD
+        })
     }
 
     /// The path's points; where steps are longer than points may lie apart, with points between.
     fn points(&self) -> Vec<PathPoint> {
-        let path = &self.path;
+        let path = &self.driven;
         let halves = path.step_m > POINT_SPACING_M - SLACK;
         let point = |state: &State, at_m: f64| PathPoint {
             pose: state.pose(),

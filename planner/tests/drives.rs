@@ -54,7 +54,7 @@ fn assert_sound(
     (goal, speed_m_per_s): (Pose2, f64),
     result: &TargetResult,
 ) {
-    let curvature_per_m = model.curvature_limit_per_m(speed_m_per_s);
+    let curvature_per_m = model.vehicle().curvature_limit_per_m(speed_m_per_s);
     let limits = CheckLimits::new(model.vehicle(), curvature_per_m);
     let ends = Ends {
         start: Pose2::default(),
@@ -94,7 +94,9 @@ fn small_model() -> Arc<MotionModel> {
         rear_m: 0.25,
         half_width_m: 0.3,
         min_turning_radius_m: 1.5,
-    };
+        ..Vehicle::default()
+    }
+    .with_limits_of_its_size();
     Arc::new(MotionModel::new(&vehicle, 0.2).expect("the vehicle fits the cells"))
 }
 

@@ -9,7 +9,7 @@ use swath_bridge::{Cell, GridSpec, Outcome, Pose2, Vehicle};
 use swath_planner::check::{CheckLimits, Ends, check_path};
 use swath_planner::{
     FrameInput, FramePlan, FramePlanner, Method, MotionModel, PlanConfig, Plane, Start,
-    TargetConfig, curvature_limit_per_m, sample_targets,
+    TargetConfig, sample_targets,
 };
 
 mod data;
@@ -29,7 +29,7 @@ fn planner() -> FramePlanner {
 /// Checks every path that is said to be drivable; how many there are.
 fn check(input: &FrameInput<'_>, plan: &FramePlan, speed_m_per_s: f64) -> usize {
     let vehicle = Vehicle::default();
-    let limits = CheckLimits::new(&vehicle, curvature_limit_per_m(&vehicle, speed_m_per_s));
+    let limits = CheckLimits::new(&vehicle, vehicle.curvature_limit_per_m(speed_m_per_s));
     let mut drivable = 0;
     for (target, goal) in plan.targets.iter().zip(input.goals) {
         assert_eq!(target.goal, *goal);

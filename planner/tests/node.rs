@@ -18,7 +18,7 @@ use swath_planner::check::{CheckLimits, Ends, check_path};
 use swath_planner::network::{Network, NetworkInfo, Parameters};
 use swath_planner::node::{self, FollowConfig, NodeConfig, NodeSummary};
 use swath_planner::report::{path_points, pose_of_planar};
-use swath_planner::{Method, ObstacleConfig, PlanConfig, TargetConfig, curvature_limit_per_m};
+use swath_planner::{Method, ObstacleConfig, PlanConfig, TargetConfig};
 use tokio::sync::oneshot;
 use tokio::task::JoinHandle;
 
@@ -373,7 +373,7 @@ fn check_report(report: &PlanReport, pose: &Pose2, speed_m_per_s: f64) {
         goal: pose_of_planar(&chosen.goal),
     };
     let vehicle = Vehicle::default();
-    let limit_per_m = curvature_limit_per_m(&vehicle, speed_m_per_s);
+    let limit_per_m = vehicle.curvature_limit_per_m(speed_m_per_s);
     let obstacles = ObstacleConfig::default().obstacles(&seen_from(pose));
     let limits = CheckLimits::new(&vehicle, limit_per_m);
     let found = check_path((&GridSpec::default(), &obstacles), &limits, &ends, &points);

@@ -7,7 +7,9 @@ use swath_bridge::{Cell, GridSpec, Outcome, Pose2, Vehicle};
 use swath_planner::check::{CheckLimits, Ends, check_path};
 use swath_planner::search::TargetResult;
 use swath_planner::smooth::{ObstacleCells, SmoothConfig, SmoothRequest, Smoother};
-use swath_planner::{CollisionMap, Method, MotionModel, PlanConfig, Plane, Planner, TargetPlan};
+use swath_planner::{
+    CollisionMap, GoalTolerance, Method, MotionModel, PlanConfig, Plane, Planner, TargetPlan,
+};
 
 mod data;
 
@@ -122,6 +124,7 @@ fn drive(what: &str, obstacles: &Plane, plans: &[&TargetPlan], config: &PlanConf
         let request = SmoothRequest {
             chords: &plan.result.path,
             goal: plan.goal,
+            tolerance: GoalTolerance::default(),
             speed_m_per_s: config.speed_m_per_s,
             start_curvature_per_m: Some(0.0),
             stop: None,

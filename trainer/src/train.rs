@@ -26,6 +26,7 @@ pub fn network_info(config: &TrainConfig, spec: &GridSpec, vehicle: &Vehicle) ->
         size: config.size,
         vehicle: vehicle.digest(),
         min_turning_radius_m: vehicle.min_turning_radius_m,
+        speed_limits: vehicle.speed_limits(),
         half_width_m: vehicle.half_width_m,
         label_dilation_m: config.label_dilation_m.unwrap_or(DEFAULT_LABEL_DILATION_M),
         ..NetworkInfo::default()

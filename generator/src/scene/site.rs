@@ -144,7 +144,7 @@ impl<'a> Site<'a> {
                     .abs()
             })
             .fold(layout.curvature_per_m, f64::max);
-        let speed_m_per_s = pace::draw(&mut self.dice, ego, 1.5 * bend + 0.01);
+        let speed_m_per_s = pace::draw(&mut self.dice, self.config, 1.5 * bend + 0.01);
         let road_from_vehicle = layout.reference.at(0.0).then(&ego_from_reference);
         let vehicle_from_road = road_from_vehicle.inverse();
         let mut scene = Scene {

@@ -1,7 +1,7 @@
 //! How a vehicle goes on from where it stands.
 
 use swath_bridge::{Pose2, Vehicle};
-use swath_planner::{after_arc, curvature_limit_per_m};
+use swath_planner::after_arc;
 
 use super::site::keep_off;
 use super::{Scene, footprint};
@@ -49,7 +49,7 @@ pub(super) fn ahead<'a>(
 
 /// Whether some way of arcs that the vehicle can drive leads out of where it stands, forward.
 pub(super) fn goes_on(scene: &Scene, vehicle: &Vehicle) -> bool {
-    let curvature_per_m = curvature_limit_per_m(vehicle, scene.speed_m_per_s);
+    let curvature_per_m = vehicle.curvature_limit_per_m(scene.speed_m_per_s);
     goes_on_from(scene, (vehicle, curvature_per_m), &Pose2::default(), ARCS)
 }
 

@@ -3,7 +3,7 @@
 use swath_bridge::geometry::wrap_angle_rad;
 use swath_bridge::{GridSpec, Pose2};
 use swath_planner::CollisionMap;
-use swath_planner::search::{GOAL_TOLERANCE_M, GOAL_TOLERANCE_RAD};
+use swath_planner::{GOAL_TOLERANCE_M, GOAL_TOLERANCE_RAD};
 
 use crate::run::Drive;
 

@@ -7,7 +7,7 @@ use std::io::Write as _;
 use std::path::Path;
 use std::process::{Command, Stdio};
 
-use swath_planner::search::{GOAL_TOLERANCE_M, GOAL_TOLERANCE_RAD};
+use swath_planner::{GOAL_TOLERANCE_M, GOAL_TOLERANCE_RAD};
 use tempfile::TempDir;
 
 use crate::problem::Problem;

@@ -15,8 +15,8 @@ use rust_robotics_planning::rrt::{AreaBounds, CircleObstacle};
 use rust_robotics_planning::rrt_star_dubins::{RRTStarDubinsConfig, RRTStarDubinsPlanner};
 use rust_robotics_planning::{HybridAStarConfig, HybridAStarPlanner};
 use swath_bridge::{Cell, GridSpec, Pose2};
-use swath_planner::search::{GOAL_TOLERANCE_M, GOAL_TOLERANCE_RAD};
 use swath_planner::{CpuTimer, millis};
+use swath_planner::{GOAL_TOLERANCE_M, GOAL_TOLERANCE_RAD};
 
 use crate::problem::Problem;
 use crate::run::{Drive, Run};

@@ -11,6 +11,7 @@ use crate::Error;
 use crate::plan::TargetPlan;
 use crate::pool::Pool;
 use crate::smooth::{ObstacleCells, SmoothConfig, SmoothRequest, Smoother};
+use crate::tolerance::GoalTolerance;
 
 /// How the paths of a frame are to be driven.
 #[derive(Clone, Copy)]
@@ -18,6 +19,7 @@ pub(super) struct Drive<'a> {
     pub(super) vehicle: &'a Vehicle,
     pub(super) config: &'a SmoothConfig,
     pub(super) speed_m_per_s: f64,
+    pub(super) tolerance: GoalTolerance,
     /// Numbers of the targets, most useful first.
     pub(super) order: &'a [usize],
     /// Whether the deadline has passed by so much.
@@ -43,7 +45,7 @@ pub(super) fn make_drivable(
         return Ok(());
     }
     let cells = ObstacleCells::new(input.spec, input.obstacles)?;
-    let on = (input, drive.speed_m_per_s);
+    let on = (input, &drive);
     // What takes long waits until all that takes little is done.
     let at_once = in_order(pool, drive, &order, |smoother, &number, stop| {
         (
@@ -76,14 +78,15 @@ pub(super) fn make_drivable(
 }
 
 fn request_for<'a>(
-    (input, speed_m_per_s): (&'a FrameInput<'_>, f64),
+    (input, drive): (&'a FrameInput<'_>, &Drive<'_>),
     target: &'a TargetPlan,
     stop: &'a (dyn Fn() -> bool + Sync),
 ) -> SmoothRequest<'a> {
     SmoothRequest {
         chords: &target.result.path,
         goal: target.goal,
-        speed_m_per_s,
+        tolerance: drive.tolerance,
+        speed_m_per_s: drive.speed_m_per_s,
         start_curvature_per_m: input.start.curvature_per_m,
         stop: Some(stop),
     }

@@ -86,7 +86,7 @@ const fn bits_below(number: usize, group: usize) -> u64 {
 
 impl Successors {
     pub(super) fn new(model: &MotionModel, speed_m_per_s: f64) -> Self {
-        let curvature_per_m = model.curvature_limit_per_m(speed_m_per_s);
+        let curvature_per_m = model.vehicle.curvature_limit_per_m(speed_m_per_s);
         let actions = model.table.actions();
         let first_action = |direction: usize| {
             let first = actions.partition_point(|a| usize::from(a.direction) < direction);
@@ -232,7 +232,6 @@ impl Successors {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::motion::max_curvature_per_m;
     use proptest::prelude::*;
     use swath_bridge::Vehicle;
 
@@ -273,10 +272,11 @@ mod tests {
         fn just_the_actions_within_the_limit_or_next_to_the_heading_are_admitted(
             heading: u8, speed in 0.0..12.0f64, radius_m in 0.2..8.0f64, resolution_m in 0.2..1.5f64,
         ) {
-            let vehicle = Vehicle { min_turning_radius_m: radius_m, ..Vehicle::default() };
+            let vehicle = Vehicle { min_turning_radius_m: radius_m, ..Vehicle::default() }
+                .with_limits_of_its_size();
             let table = crate::action::ActionTable::new();
             let model = MotionModel::without_kernels(&vehicle, resolution_m);
-            let curvature = max_curvature_per_m(speed).min(1.0 / radius_m);
+            let curvature = (1.0 / radius_m).min(2.0 / (speed * speed));
             let list = listed(&model.successors(speed), heading);
             for (index, action) in table.actions().iter().enumerate() {
                 let turn = model.turn_rad(heading, action.direction).abs();

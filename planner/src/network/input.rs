@@ -1,13 +1,13 @@
 //! From planes to the network's input.
 
 use serde::{Deserialize, Serialize};
-use swath_bridge::{Cell, GridSpec, Pose2};
+use swath_bridge::{Cell, GridSpec, Pose2, SpeedLimits};
 
 use super::disc_ways::{Disc, DiscWays};
 use super::goal_features::{self, Pixels};
 use super::graph::{Architecture, GOAL_FEATURES, INPUT_PLANES, SIDE_MULTIPLE};
 use crate::plane::each_cell_near;
-use crate::{Error, Plane, max_curvature_per_m};
+use crate::{Error, Plane};
 
 /// At what resolution the network sees a grid.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
@@ -64,6 +64,8 @@ pub struct Encoding {
     pub disc_m: f64,
     /// Smallest turning radius of the vehicle, metres.
     pub min_turning_radius_m: f64,
+    /// How the vehicle's speed limits its turns.
+    pub speed_limits: SpeedLimits,
     /// Half of the vehicle's width, metres.
     pub half_width_m: f64,
 }
@@ -190,7 +192,9 @@ impl Encoding {
 
     /// The tightest circle at the vehicle's speed, metres.
     fn turning_radius_m(&self, surroundings: &Surroundings<'_>) -> f64 {
-        let curvature_per_m = max_curvature_per_m(surroundings.speed_m_per_s);
+        let curvature_per_m = self
+            .speed_limits
+            .curvature_per_m(surroundings.speed_m_per_s);
         self.min_turning_radius_m.max(1.0 / curvature_per_m)
     }
 
@@ -259,6 +263,7 @@ pub(super) mod tests {
             size,
             disc_m: 0.1,
             min_turning_radius_m: 5.5,
+            speed_limits: swath_bridge::Vehicle::default().speed_limits(),
             half_width_m: 0.885,
         }
     }

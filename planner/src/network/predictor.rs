@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::sync::{Mutex, PoisonError};
 
 use rayon::prelude::*;
-use swath_bridge::{GridSpec, Pose2, Vehicle};
+use swath_bridge::{GridSpec, Pose2, SpeedLimits, Vehicle};
 
 use super::disc_ways::DiscWays;
 use super::engine::{Inference, Isa, Workspace};
@@ -12,6 +12,7 @@ use super::graph::Architecture;
 use super::input::{Encoding, InputSize, Surroundings};
 use super::parameters::{Parameters, architecture_of};
 use super::reach::Reach;
+use super::speed_limits;
 use crate::{Error, Plane};
 
 /// Most cells along a side of a network's grid.
@@ -30,6 +31,8 @@ pub struct NetworkInfo {
     pub vehicle: String,
     /// Smallest turning radius of the vehicle, metres.
     pub min_turning_radius_m: f64,
+    /// How its speed limits its turns. The paper's limits are not written into weights files.
+    pub speed_limits: SpeedLimits,
     /// Half of the vehicle's width, metres.
     pub half_width_m: f64,
     /// Distance from the path to the edge of the region that was learnt, metres.
@@ -49,6 +52,7 @@ impl Default for NetworkInfo {
             size: InputSize::default(),
             vehicle: vehicle.digest(),
             min_turning_radius_m: vehicle.min_turning_radius_m,
+            speed_limits: vehicle.speed_limits(),
             half_width_m: vehicle.half_width_m,
             label_dilation_m: 1.4,
             reference_dilation_m: 1.0,
@@ -66,6 +70,7 @@ impl NetworkInfo {
             size: self.size,
             disc_m: self.target_dilation_m,
             min_turning_radius_m: self.min_turning_radius_m,
+            speed_limits: self.speed_limits,
             half_width_m: self.half_width_m,
         }
     }
@@ -73,6 +78,11 @@ impl NetworkInfo {
     /// The metadata of a weights file.
     pub fn metadata(&self) -> BTreeMap<String, String> {
         let number = |value: f64| value.to_string();
+        let own_limits = if self.speed_limits == Vehicle::default().speed_limits() {
+            BTreeMap::new()
+        } else {
+            speed_limits::to_metadata(&self.speed_limits)
+        };
         [
             ("architecture", self.architecture.name().to_owned()),
             ("size", self.size.name().to_owned()),
@@ -90,6 +100,7 @@ impl NetworkInfo {
         ]
         .into_iter()
         .map(|(key, value)| (key.to_owned(), value))
+        .chain(own_limits)
         .collect()
     }
 
@@ -137,6 +148,7 @@ impl NetworkInfo {
             size,
             vehicle: clip(text("vehicle")?),
             min_turning_radius_m: metres("min_turning_radius_m")?,
+            speed_limits: speed_limits::from_metadata(metadata)?,
             half_width_m: metres("half_width_m")?,
             label_dilation_m: metres("label_dilation_m")?,
             reference_dilation_m: metres("reference_dilation_m")?,
@@ -146,7 +158,7 @@ impl NetworkInfo {
 }
 
 /// The beginning of text from a file, for an error or a log.
-fn clip(text: &str) -> String {
+pub(super) fn clip(text: &str) -> String {
     text.chars().take(64).collect()
 }
 

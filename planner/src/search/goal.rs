@@ -1,6 +1,6 @@
 //! Which states count as having reached a goal, and how far it is to them.
 
-use std::f64::consts::PI;
+use std::f64::consts::{FRAC_1_SQRT_2, PI};
 
 use swath_bridge::geometry::wrap_angle_rad;
 use swath_bridge::{Cell, Outcome, Pose2};
@@ -8,11 +8,13 @@ use swath_bridge::{Cell, Outcome, Pose2};
 use super::memory::State;
 use crate::action::AHEAD;
 use crate::collision::CollisionMap;
+use crate::tolerance::{GoalTolerance, Target};
 
-/// A goal is reached within this distance, metres.
-pub const GOAL_TOLERANCE_M: f64 = 0.5;
-/// A goal is reached within this angle, radians (15°).
-pub const GOAL_TOLERANCE_RAD: f64 = 15.0 * PI / 180.0;
+/// Half of the widest angle between two neighbouring directions, radians (2.86°), rounded up: some
+/// direction lies this near to any heading.
+const NEAREST_DIRECTION_RAD: f64 = 0.05;
+/// Some cell's centre lies this near to any point, in sides of a cell.
+const NEAREST_CELL: f64 = FRAC_1_SQRT_2 + 1e-9;
 
 /// What is kept of the tolerance where poses are not those of cells, metres and radians: a path that is
 /// driven again from its segments may end this much elsewhere.
@@ -24,6 +26,11 @@ pub(crate) struct Goal {
     x_m: f64,
     y_m: f64,
     yaw_rad: f64,
+    /// How near a pose has to be.
+    tolerance: GoalTolerance,
+    /// How near the states that are accepted are: as the tolerance says, but never so near that there is
+    /// none.
+    states_within: GoalTolerance,
     /// Row-major indices, ascending.
     cells: Vec<usize>,
     /// By direction.
@@ -32,8 +39,14 @@ pub(crate) struct Goal {
 
 impl Goal {
     /// The goal at a pose, or the outcome that no search is needed for.
-    pub(crate) fn new(map: &CollisionMap, pose: &Pose2) -> Result<Self, Outcome> {
+    pub(crate) fn new(map: &CollisionMap, target: impl Into<Target>) -> Result<Self, Outcome> {
+        let Target { pose, tolerance } = target.into();
         let spec = map.spec();
+        let within = GoalTolerance {
+            tolerance_m: tolerance.tolerance_m.max(NEAREST_CELL * spec.resolution_m),
+            tolerance_rad: tolerance.tolerance_rad.max(NEAREST_DIRECTION_RAD),
+        };
+        let within_m = within.tolerance_m;
         let centre = spec.cell_at(pose.x_m, pose.y_m);
         if !pose.is_finite() || spec.index_of(centre).is_none() {
             return Err(Outcome::OutOfBounds);
@@ -45,11 +58,11 @@ impl Goal {
         let directions: Vec<bool> = (0..=u8::MAX)
             .map(|direction| {
                 let turn = wrap_angle_rad(table.angle_rad(direction) - pose.yaw_rad);
-                turn.abs() <= GOAL_TOLERANCE_RAD
+                turn.abs() <= within.tolerance_rad
             })
             .collect();
-        let near = spec.cell_at(pose.x_m - GOAL_TOLERANCE_M, pose.y_m - GOAL_TOLERANCE_M);
-        let far = spec.cell_at(pose.x_m + GOAL_TOLERANCE_M, pose.y_m + GOAL_TOLERANCE_M);
+        let near = spec.cell_at(pose.x_m - within_m, pose.y_m - within_m);
+        let far = spec.cell_at(pose.x_m + within_m, pose.y_m + within_m);
         let mut cells = Vec::new();
         let mut is_free = false;
         for row in far.row..=near.row {
@@ -57,10 +70,7 @@ impl Goal {
                 let cell = Cell::new(row, col);
                 let (x_m, y_m) = spec.centre_of(cell);
                 let distance_m = libm::hypot(x_m - pose.x_m, y_m - pose.y_m);
-                let Some(index) = spec
-                    .index_of(cell)
-                    .filter(|_| distance_m <= GOAL_TOLERANCE_M)
-                else {
+                let Some(index) = spec.index_of(cell).filter(|_| distance_m <= within_m) else {
                     continue;
                 };
                 cells.push(index);
@@ -73,6 +83,8 @@ impl Goal {
                 x_m: pose.x_m,
                 y_m: pose.y_m,
                 yaw_rad: pose.yaw_rad,
+                tolerance,
+                states_within: within,
                 cells,
                 directions,
             })
@@ -94,8 +106,14 @@ impl Goal {
     /// Whether a pose anywhere in the plane reaches it.
     pub(crate) fn accepts_pose(&self, pose: &Pose2) -> bool {
         let (dx_m, dy_m) = (pose.x_m - self.x_m, pose.y_m - self.y_m);
-        libm::hypot(dx_m, dy_m) <= GOAL_TOLERANCE_M - KEPT
-            && wrap_angle_rad(pose.yaw_rad - self.yaw_rad).abs() <= GOAL_TOLERANCE_RAD - KEPT
+        libm::hypot(dx_m, dy_m) <= self.tolerance.tolerance_m - KEPT
+            && wrap_angle_rad(pose.yaw_rad - self.yaw_rad).abs()
+                <= self.tolerance.tolerance_rad - KEPT
+    }
+
+    /// How near a pose has to be.
+    pub(crate) const fn tolerance(&self) -> GoalTolerance {
+        self.tolerance
     }
 
     /// The goal's own pose.
@@ -129,19 +147,19 @@ impl Goal {
     pub(crate) fn turn_left_rad(&self, angle_rad: f64) -> f64 {
         let turn_rad = wrap_angle_rad(angle_rad - self.yaw_rad).abs();
         // The direction that is accepted at the very edge may be off by rounding.
-        (turn_rad - GOAL_TOLERANCE_RAD - 1e-9).max(0.0)
+        (turn_rad - self.states_within.tolerance_rad - 1e-9).max(0.0)
     }
 
     /// The bearing from a point to the goal, and how far to either side the bearings of points within
     /// the tolerance lie, radians. There is none from a point within it.
     pub(crate) fn bearing(&self, (x_m, y_m): (f64, f64)) -> Option<(f64, f64)> {
         let (dx_m, dy_m) = (self.x_m - x_m, self.y_m - y_m);
-        let sine = GOAL_TOLERANCE_M / libm::hypot(dx_m, dy_m);
+        let sine = self.states_within.tolerance_m / libm::hypot(dx_m, dy_m);
         (sine < 1.0).then(|| (libm::atan2(dy_m, dx_m), libm::asin(sine)))
     }
 
     /// Euclidean distance from a point to the nearest one that the tolerance accepts, metres.
     pub(crate) fn distance_left(&self, (x_m, y_m): (f64, f64)) -> f64 {
-        (libm::hypot(x_m - self.x_m, y_m - self.y_m) - GOAL_TOLERANCE_M).max(0.0)
+        (libm::hypot(x_m - self.x_m, y_m - self.y_m) - self.states_within.tolerance_m).max(0.0)
     }
 }

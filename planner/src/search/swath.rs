@@ -36,6 +36,7 @@ use super::{Limits, TargetResult, cell_steps};
 use crate::collision::CollisionMap;
 use crate::motion::Successors;
 use crate::timing::CpuTimer;
+use crate::tolerance::GoalTolerance;
 use crate::{Error, Plane};
 
 /// Expansions of each target in a longer search, as a multiple of the first one's.
@@ -56,6 +57,8 @@ pub struct Frame<'a> {
     pub successors: &'a Successors,
     /// Targets, vehicle frame.
     pub goals: &'a [Pose2],
+    /// How nearly they have to be reached.
+    pub tolerance: GoalTolerance,
     /// Numbers of the targets, most useful first. Those that are missing are not searched for.
     pub order: &'a [usize],
     /// Where paths are expected, if anything can tell.

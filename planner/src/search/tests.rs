@@ -8,7 +8,7 @@ use swath_bridge::{Cell, GridSpec, Vehicle};
 
 use super::*;
 use crate::Plane;
-use crate::motion::{MotionModel, max_curvature_per_m};
+use crate::motion::MotionModel;
 
 mod bounds;
 
@@ -47,7 +47,7 @@ impl Oracle {
             }
         }
         directions.sort_by(|a, b| a.1.total_cmp(&b.1));
-        let curvature_per_m = max_curvature_per_m(speed).min(1.0 / vehicle.min_turning_radius_m);
+        let curvature_per_m = (2.0 / (speed * speed)).min(1.0 / vehicle.min_turning_radius_m);
         Self {
             spec,
             vehicle,
@@ -187,7 +187,9 @@ fn small_vehicle() -> Vehicle {
         rear_m: 0.17,
         half_width_m: 0.23,
         min_turning_radius_m: 2.0,
+        ..Vehicle::default()
     }
+    .with_limits_of_its_size()
 }
 
 fn small_spec() -> GridSpec {
@@ -287,7 +289,8 @@ proptest! {
     fn neither_the_informed_bound_nor_going_backwards_changes_outcome_or_cost(
         (occupied, goal) in scene(), back in any::<bool>(), limit_m in 0.3..4.0f64,
     ) {
-        let vehicle = Vehicle { min_turning_radius_m: limit_m, ..small_vehicle() };
+        let vehicle = Vehicle { min_turning_radius_m: limit_m, ..small_vehicle() }
+            .with_limits_of_its_size();
         // Coarse cells allow sharper turns, up to turning around.
         let spec = GridSpec { resolution_m: if back { 0.8 } else { 0.2 }, ..small_spec() };
         let goal = Pose2::new(goal.x_m, goal.y_m, goal.yaw_rad + if back { PI } else { 0.0 });

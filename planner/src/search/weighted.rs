@@ -5,7 +5,7 @@
 //! most ε times the optimum. A search that takes long also looks for a proof that its goal cannot be
 //! reached.
 
-use swath_bridge::{Outcome, Pose2};
+use swath_bridge::Outcome;
 
 use super::backward::{Backward, Finding};
 use super::bound::TurnBound;
@@ -20,6 +20,7 @@ use crate::Error;
 use crate::action::ACTIONS;
 use crate::collision::{CollisionMap, WORD};
 use crate::motion::{Fan, Successors};
+use crate::tolerance::Target;
 
 /// Memory of weighted searches, reused from one to the next.
 #[derive(Debug, Default)]
@@ -35,7 +36,7 @@ pub struct WeightedMemory {
 pub fn search_weighted(
     map: &CollisionMap,
     successors: &Successors,
-    (goal, epsilon): (&Pose2, f64),
+    (goal, epsilon): (impl Into<Target>, f64),
     limits: Limits<'_>,
     memory: &mut WeightedMemory,
 ) -> Result<TargetResult, Error> {

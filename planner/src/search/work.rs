@@ -8,6 +8,7 @@ use super::TargetResult;
 use super::goal::Goal;
 use super::swath::{Frame, Rules};
 use super::target::End;
+use crate::tolerance::Target;
 
 /// What is known of a target at first.
 const NOTHING: TargetResult = TargetResult::without_path(Outcome::BudgetExhausted, 0);
@@ -52,7 +53,11 @@ impl Work {
         let mut results = vec![(NOTHING, Duration::ZERO); frame.goals.len()];
         let mut goals: Vec<Option<Goal>> = Vec::new();
         for (pose, result) in frame.goals.iter().zip(&mut results) {
-            let goal = Goal::new(frame.map, pose).map_err(|outcome| {
+            let target = Target {
+                pose: *pose,
+                tolerance: frame.tolerance,
+            };
+            let goal = Goal::new(frame.map, target).map_err(|outcome| {
                 result.0 = TargetResult::without_path(outcome, 0);
             });
             goals.push(goal.ok());

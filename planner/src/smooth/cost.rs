@@ -6,14 +6,13 @@ use swath_bridge::Pose2;
 
 use super::clothoid::State;
 use super::footprint::Footprint;
-use super::obstacles::ObstacleCells;
+use super::obstacles::ScaledCells;
 use super::reference::Place;
-use crate::search::{GOAL_TOLERANCE_M, GOAL_TOLERANCE_RAD};
+use crate::tolerance::GoalTolerance;
 
-/// The goal counts as missed by what lies beyond these, metres and radians; so that the end lies well
-/// within the tolerance.
-const AIM_WITHIN_M: f64 = 0.8 * GOAL_TOLERANCE_M;
-const AIM_WITHIN_RAD: f64 = 0.8 * GOAL_TOLERANCE_RAD;
+/// The goal counts as missed by what lies beyond this share of the tolerance, so that the end lies well
+/// within it.
+const AIM_WITHIN: f64 = 0.8;
 /// Cells are kept for a state as long as it moves no farther than this, metres at the rectangle's
 /// farthest corner.
 const KEPT_FOR_M: f64 = 0.3;
@@ -40,8 +39,9 @@ pub(super) struct Weights {
     pub(super) needed_gap_m: f64,
     /// Metres and radians beyond what the goal allows, squared.
     pub(super) goal: f64,
-    /// Metres and radians from the goal, squared.
+    /// Metres from the goal, squared, and radians.
     pub(super) off_goal: f64,
+    pub(super) turned_from_goal: f64,
 }
 
 /// A cost with its gradient and Hessian (Gauss-Newton) by x, y, heading, curvature and step length.
@@ -84,7 +84,7 @@ impl Nearby {
     /// Gathers the cells again if a state has moved too far since.
     pub(super) fn update(
         &mut self,
-        cells: &ObstacleCells,
+        cells: &ScaledCells<'_>,
         footprint: &Footprint,
         states: &[State],
         (within_m, anew): (f64, bool),
@@ -126,6 +126,7 @@ pub(super) struct Cost<'a> {
     pub(super) place_of: &'a [usize],
     pub(super) nearby: &'a Nearby,
     pub(super) goal: Pose2,
+    pub(super) tolerance: GoalTolerance,
     /// Nominal distance between states, metres.
     pub(super) step_m: f64,
 }
@@ -205,17 +206,18 @@ impl Cost<'_> {
         let goal = &self.goal;
         let (dx, dy) = (last.x_m - goal.x_m, last.y_m - goal.y_m);
         let distance_m = libm::hypot(dx, dy);
-        let far_m = (distance_m - AIM_WITHIN_M).max(0.0);
+        let far_m = (distance_m - AIM_WITHIN * self.tolerance.tolerance_m).max(0.0);
         // The goal's heading, counted through as many turns as the path has made.
         let turns = libm::round((last.yaw_rad - goal.yaw_rad) / TAU);
         let turned_rad = last.yaw_rad - goal.yaw_rad - turns * TAU;
-        let far_rad = (turned_rad.abs() - AIM_WITHIN_RAD).max(0.0);
+        let far_rad = (turned_rad.abs() - AIM_WITHIN * self.tolerance.tolerance_rad).max(0.0);
         let weight = self.weights.goal;
         let off = self.weights.off_goal;
+        let turned = self.weights.turned_from_goal;
         if let Some(expansion) = expansion {
             expansion.add(off, dx, [1.0, 0.0, 0.0]);
             expansion.add(off, dy, [0.0, 1.0, 0.0]);
-            expansion.add(off, turned_rad, [0.0, 0.0, 1.0]);
+            expansion.add(turned, turned_rad, [0.0, 0.0, 1.0]);
             if far_m > 0.0 {
                 expansion.add(weight, far_m, [dx / distance_m, dy / distance_m, 0.0]);
             }
@@ -224,6 +226,6 @@ impl Cost<'_> {
             }
         }
         0.5 * weight * (far_m * far_m + far_rad * far_rad)
-            + 0.5 * off * (distance_m * distance_m + turned_rad * turned_rad)
+            + 0.5 * (off * distance_m * distance_m + turned * turned_rad * turned_rad)
     }
 }

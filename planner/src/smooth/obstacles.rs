@@ -48,6 +48,31 @@ impl ObstacleCells {
         &self.spec
     }
 
+    /// The same cells where a metre has so many units.
+    pub(crate) fn scaled(&self, factor: f64) -> ScaledCells<'_> {
+        ScaledCells {
+            cells: self,
+            spec: GridSpec {
+                resolution_m: self.spec.resolution_m * factor,
+                ..self.spec
+            },
+        }
+    }
+}
+
+/// Occupied cells where lengths are counted in units of one's own; with a factor of 1, in metres.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct ScaledCells<'a> {
+    cells: &'a ObstacleCells,
+    spec: GridSpec,
+}
+
+impl ScaledCells<'_> {
+    /// Side of a cell, in units.
+    pub(crate) const fn resolution_m(&self) -> f64 {
+        self.spec.resolution_m
+    }
+
     /// Whether a point is on the grid, and not nearer than a margin to its edge.
     pub(crate) fn holds(&self, (x_m, y_m): (f64, f64), margin_m: f64) -> bool {
         [(-margin_m, -margin_m), (margin_m, margin_m)]
@@ -60,13 +85,13 @@ impl ObstacleCells {
 
     /// Calls `each` with the centres of the border cells that are less than `gap_m` from a rectangle.
     pub(crate) fn each_near(&self, placed: &Placed, gap_m: f64, each: impl FnMut((f64, f64))) {
-        self.each_of(&self.border, (placed, gap_m), each);
+        self.each_of(&self.cells.border, (placed, gap_m), each);
     }
 
     /// Whether no occupied cell at all is less than `gap_m` from a rectangle.
     pub(crate) fn is_clear(&self, placed: &Placed, gap_m: f64) -> bool {
         let mut is_clear = true;
-        self.each_of(&self.occupied, (placed, gap_m), |_| is_clear = false);
+        self.each_of(&self.cells.occupied, (placed, gap_m), |_| is_clear = false);
         is_clear
     }
 
@@ -91,7 +116,7 @@ impl ObstacleCells {
         }
         let (first_col, last_col) = (first_col as usize, last_col as usize);
         for row in rows {
-            let words = &bits[row as usize * self.row_words..][..self.row_words];
+            let words = &bits[row as usize * self.cells.row_words..][..self.cells.row_words];
             let (first_word, last_word) = (first_col / WORD, last_col / WORD);
             for (index, &word) in (first_word..).zip(&words[first_word..=last_word]) {
                 let mut word = word;
@@ -192,10 +217,11 @@ mod tests {
                 }
             }
             let cells = ObstacleCells::new(spec(), &plane).unwrap();
+            let cells = cells.scaled(1.0);
             let footprint = Footprint::new(&Vehicle::default(), 0.2);
             let placed = footprint.placed(&Pose2::new(x, y, yaw));
             let mut found = Vec::new();
-            cells.each_of(&cells.occupied, (&placed, 0.4), |centre| found.push(centre));
+            cells.each_of(&cells.cells.occupied, (&placed, 0.4), |centre| found.push(centre));
             let all = (0..plane.len()).filter(|&index| plane.get_index(index));
             let wanted: Vec<_> = all
                 .map(|index| spec().centre_of(spec().cell_of_index(index)))

@@ -60,7 +60,7 @@ pub(super) struct Trajectory {
 }
 
 impl Trajectory {
-    fn copy_from(&mut self, other: &Self) {
+    pub(super) fn copy_from(&mut self, other: &Self) {
         self.states.clone_from(&other.states);
         self.rates_per_m2.clone_from(&other.rates_per_m2);
         self.step_m = other.step_m;

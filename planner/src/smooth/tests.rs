@@ -77,6 +77,7 @@ fn request(chords: &[Pose2], goal: Pose2) -> SmoothRequest<'_> {
     SmoothRequest {
         chords,
         goal,
+        tolerance: GoalTolerance::default(),
         speed_m_per_s: SPEED_M_PER_S,
         start_curvature_per_m: Some(0.0),
         stop: None,
@@ -363,11 +364,10 @@ fn nothing_panics_on_hostile_input() {
 
 #[test]
 fn settings_out_of_range_are_named() {
-    for (rate, gap) in [(0.0, 0.2), (f64::NAN, 0.2), (0.3, -1.0), (0.3, 50.0)] {
+    for (iterations, gap_m) in [(0, 0.2), (60, f64::NAN), (60, -1.0), (60, 50.0)] {
         let config = SmoothConfig {
-            max_curvature_rate_per_m2: rate,
-            preferred_gap_m: gap,
-            ..SmoothConfig::default()
+            preferred_gap_m: gap_m,
+            max_iterations: iterations,
         };
         let made = Smoother::new(&Vehicle::default(), config);
         assert!(matches!(made, Err(Error::SmoothConfig { .. })));

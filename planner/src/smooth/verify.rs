@@ -2,7 +2,7 @@
 
 use super::clothoid::State;
 use super::footprint::Footprint;
-use super::obstacles::ObstacleCells;
+use super::obstacles::ScaledCells;
 
 /// Least gap that is kept everywhere, metres. It is also what makes the steps below finite.
 pub(crate) const LEAST_GAP_M: f64 = 1e-3;
@@ -24,7 +24,7 @@ pub(crate) struct Contact {
 /// a gap holds for a piece of path, and the next pose to test follows from it: nothing between two
 /// tested poses goes unseen.
 pub(crate) fn first_contact(
-    cells: &ObstacleCells,
+    cells: &ScaledCells<'_>,
     footprint: &Footprint,
     (states, rates): (&[State], &[f64]),
     length_m: f64,
@@ -57,7 +57,7 @@ pub(crate) fn first_contact(
 ///
 /// Only cells that have a free neighbour are looked at, so the first pose must be known to be free.
 pub(crate) fn contact_gap_m(
-    cells: &ObstacleCells,
+    cells: &ScaledCells<'_>,
     footprint: &Footprint,
     (state, rate, length_m): (&State, f64, f64),
     near: &mut Vec<(f64, f64)>,

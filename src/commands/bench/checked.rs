@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use swath_bridge::{Outcome, Vehicle};
 use swath_planner::check::{CheckLimits, Ends, check_path};
-use swath_planner::{FrameInput, FramePlan, curvature_limit_per_m};
+use swath_planner::{FrameInput, FramePlan};
 
 /// What the checker said of paths.
 #[derive(Debug, Default)]
@@ -22,7 +22,7 @@ impl Checked {
         (input, plan): (&FrameInput<'_>, &FramePlan),
         speed_m_per_s: f64,
     ) {
-        let limits = CheckLimits::new(vehicle, curvature_limit_per_m(vehicle, speed_m_per_s));
+        let limits = CheckLimits::new(vehicle, vehicle.curvature_limit_per_m(speed_m_per_s));
         for target in &plan.targets {
             self.solved += u64::from(target.result.outcome == Outcome::Solved);
             let path = target.drivable.as_ref().filter(|path| path.is_drivable());

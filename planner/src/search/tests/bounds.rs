@@ -2,6 +2,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 
 use super::super::swath::Effort;
 use super::*;
+use crate::tolerance::GoalTolerance;
 
 /// So little that every part of the search has something to do on small maps.
 const EFFORTS: [Effort; 4] = [
@@ -68,6 +69,7 @@ fn swath_in(
         map,
         successors: &successors,
         goals,
+        tolerance: GoalTolerance::default(),
         order: &order,
         regions,
     };
@@ -292,6 +294,7 @@ fn bounds_and_orders_that_make_no_sense_are_refused() {
             map: &map,
             successors: &successors,
             goals: &goals,
+            tolerance: GoalTolerance::default(),
             order: &order,
             regions: None,
         };
