@@ -9,7 +9,7 @@ use swath_bridge::msg::geometry::PoseArray;
 use swath_bridge::msg::header::Header;
 use swath_bridge::msg::nav::Path;
 use swath_bridge::recording::{
-    RawMessage, Reader, RecordOptions, Recorder, ReplayOptions, Stamps, Writer, replay,
+    Existing, RawMessage, Reader, RecordOptions, Recorder, ReplayOptions, Stamps, Writer, replay,
 };
 use swath_bridge::{Session, SessionConfig};
 use tempfile::TempDir;
@@ -66,6 +66,7 @@ async fn a_recorder_writes_every_topic_with_type_and_times() {
     reference.put(&path(7)).await.unwrap();
     let options = RecordOptions {
         path: file.clone(),
+        existing: Existing::Refuse,
         keys: Vec::new(),
     };
     let recorder = Recorder::start(&b, &options).await.unwrap();
@@ -101,6 +102,7 @@ async fn a_recorder_that_was_never_finished_leaves_what_was_flushed() {
     let (a, b) = pair().await;
     let options = RecordOptions {
         path: file.clone(),
+        existing: Existing::Refuse,
         keys: vec!["swath/vehicle/v/".to_owned()],
     };
     let recorder = Recorder::start(&b, &options).await.unwrap();
