@@ -34,10 +34,10 @@ pub use info::{Info, TopicInfo, info};
 pub use log::{Log, LogReader};
 pub use message::RawMessage;
 pub use reader::Reader;
-pub use source::Source;
 pub use recorder::{RecordCounts, RecordOptions, Recorder};
 pub use recover::{RecoverReport, recover};
 pub use replay::{ReplayOptions, ReplayReport, replay};
+pub use source::Source;
 pub use writer::{Stamps, Writer};
 
 #[cfg(test)]

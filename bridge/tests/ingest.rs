@@ -273,7 +273,9 @@ fn without_a_transform_a_log_is_refused_unless_a_mounting_is_given() {
         ..PLAIN
     }
     .write(&path, SensorKind::Scan);
-    let error = frames(&path, &IngestConfig::default()).unwrap_err().to_string();
+    let error = frames(&path, &IngestConfig::default())
+        .unwrap_err()
+        .to_string();
     for part in ["log.mcap", "\"lidar\"", "\"rear_axle\"", "--mount /scan="] {
         assert!(error.contains(part), "{error}");
     }
@@ -287,9 +289,17 @@ fn without_a_transform_a_log_is_refused_unless_a_mounting_is_given() {
         assert!(has_wall(&frames[0], 30.0));
     }
     // The scanner is said to be 1 m behind of where it is.
-    assert!(has_wall(&all_frames(&path, &mounted("0,0,1.5,3.14159265,0,0"))[0], 29.0));
-    let error = frames(&path, &mounted("/rear=0,0,0,0,0,0")).unwrap_err().to_string();
-    assert!(error.contains("/rear") && error.contains("/scan"), "{error}");
+    assert!(has_wall(
+        &all_frames(&path, &mounted("0,0,1.5,3.14159265,0,0"))[0],
+        29.0
+    ));
+    let error = frames(&path, &mounted("/rear=0,0,0,0,0,0"))
+        .unwrap_err()
+        .to_string();
+    assert!(
+        error.contains("/rear") && error.contains("/scan"),
+        "{error}"
+    );
     let far = IngestConfig {
         mount: vec![Mount {
             x_m: 1e6,
@@ -297,7 +307,12 @@ fn without_a_transform_a_log_is_refused_unless_a_mounting_is_given() {
         }],
         ..IngestConfig::default()
     };
-    assert!(frames(&path, &far).unwrap_err().to_string().contains("100 m"));
+    assert!(
+        frames(&path, &far)
+            .unwrap_err()
+            .to_string()
+            .contains("100 m")
+    );
 }
 
 #[test]

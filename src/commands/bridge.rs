@@ -103,7 +103,9 @@ fn replay(options: &ReplayOptions, network: &NetworkOptions) -> Result<(), Failu
         && end < start
     {
         let what = format!("--end {end} is before --start {start}\n");
-        Cli::command().error(ErrorKind::ValueValidation, what).exit();
+        Cli::command()
+            .error(ErrorKind::ValueValidation, what)
+            .exit();
     }
     let bar = progress::bar(0, "replay");
     let replayed = recording::ReplayOptions {

@@ -73,7 +73,9 @@ fn into_file(
     let started = Instant::now();
     let existing = Existing::of_force(options.force);
     let writer = Writer::create_with(out, existing)?;
-    let written = write_dataset(generator, run, writer, &mut |done, _| bar.set_position(done))?;
+    let written = write_dataset(generator, run, writer, &mut |done, _| {
+        bar.set_position(done)
+    })?;
     bar.finish_and_clear();
     let summary = Summary::new(&written, started.elapsed().as_secs_f64());
     if options.json {

@@ -2,8 +2,8 @@
 
 use std::path::{Path, PathBuf};
 
-use swath_bridge::recording::distinct;
 use swath_analysis::{ReportOptions as AnalysisOptions, Summary, report};
+use swath_bridge::recording::distinct;
 
 use crate::cli::ReportOptions;
 use crate::output::{self, Failure};

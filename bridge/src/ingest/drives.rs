@@ -86,7 +86,11 @@ pub(crate) fn drives_of(fixes: Vec<(Fix, Mark)>) -> Result<Vec<Drive>, usize> {
     let mut drives: Vec<Drive> = joined.into_iter().map(Drive::new).collect();
     let has_log_times = drives.iter().all(|drive| drive.first_log_nanos > 0);
     drives.sort_by_key(|drive| {
-        let log_nanos = if has_log_times { drive.first_log_nanos } else { 0 };
+        let log_nanos = if has_log_times {
+            drive.first_log_nanos
+        } else {
+            0
+        };
         (log_nanos, drive.first_position)
     });
     Ok(drives)
@@ -99,8 +103,7 @@ fn is_continued(before: &[(Fix, Mark)], part: &[(Fix, Mark)]) -> bool {
     };
     let is_near = |from: u64, to: u64| from.abs_diff(to) <= APART_NANOS;
     let has_log_times = last.log_nanos > 0 && first.log_nanos > 0;
-    is_near(last.nanos, first.nanos)
-        && (!has_log_times || is_near(last.log_nanos, first.log_nanos))
+    is_near(last.nanos, first.nanos) && (!has_log_times || is_near(last.log_nanos, first.log_nanos))
 }
 
 impl Drive {
@@ -179,7 +182,9 @@ pub(crate) fn match_marks(drives: &[Drive], marks: &[Mark]) -> Matches {
     let matched = found.into_iter().zip(&parts).map(|(drive, &part)| {
         let is_wrong = drive.is_some_and(|drive| wrong.contains(&(part, drive)));
         shifted += u64::from(is_wrong);
-        drive.filter(|_| !is_wrong).and_then(|drive| u32::try_from(drive).ok())
+        drive
+            .filter(|_| !is_wrong)
+            .and_then(|drive| u32::try_from(drive).ok())
     });
     Matches {
         drives: matched.collect(),
@@ -219,10 +224,12 @@ fn best_of(drives: &[Drive], mark: &Mark, of_part: Option<usize>) -> Option<Cand
     let least = candidates.iter().map(delay).min()?;
     candidates.retain(|candidate| delay(candidate) <= least.saturating_add(BACK_NANOS));
     // Where times do not tell drives apart, the order of the log does.
-    candidates.into_iter().min_by_key(|candidate| match of_part {
-        Some(part) => part.abs_diff(candidate.drive) as u64,
-        None => drives[candidate.drive].distance(mark.position),
-    })
+    candidates
+        .into_iter()
+        .min_by_key(|candidate| match of_part {
+            Some(part) => part.abs_diff(candidate.drive) as u64,
+            None => drives[candidate.drive].distance(mark.position),
+        })
 }
 
 /// The groups of messages, by part and drive, whose stamps mean other moments than those of the others:
@@ -233,7 +240,10 @@ fn wrong_groups(groups: &mut BTreeMap<(usize, usize), Vec<i64>>) -> Vec<(usize, 
         delays_nanos.sort_unstable();
         middles.push((*group, delays_nanos[delays_nanos.len() / 2]));
     }
-    let Some(&(_, right)) = middles.iter().min_by_key(|(_, middle)| middle.unsigned_abs()) else {
+    let Some(&(_, right)) = middles
+        .iter()
+        .min_by_key(|(_, middle)| middle.unsigned_abs())
+    else {
         return Vec::new();
     };
     middles.retain(|(_, middle)| middle.abs_diff(right) > SHIFT_NANOS);

@@ -106,8 +106,16 @@ pub struct Frames {
 pub fn frames(path: &Path, config: &IngestConfig) -> Result<Frames, Error> {
     let mapper = Mapper::new(config)?;
     let mut survey = survey(path, config)?;
-    let without_pose = survey.sensors.iter().map(|sensor| sensor.without_pose).sum();
-    let usable: u64 = survey.events.iter().filter(|event| event.of != Of::Transforms).count() as u64;
+    let without_pose = survey
+        .sensors
+        .iter()
+        .map(|sensor| sensor.without_pose)
+        .sum();
+    let usable: u64 = survey
+        .events
+        .iter()
+        .filter(|event| event.of != Of::Transforms)
+        .count() as u64;
     let all: u64 = survey.sensors.iter().map(|sensor| sensor.sweeps).sum();
     let mut frames = Frames {
         path: path.to_owned(),
@@ -168,7 +176,9 @@ impl Frames {
     fn take(&mut self, event: Event, message: &RawMessage) -> Result<Option<Frame>, Error> {
         let (number, is_leader) = match event.of {
             Of::Transforms => {
-                self.survey.transforms.insert(&message.decode::<TFMessage>()?);
+                self.survey
+                    .transforms
+                    .insert(&message.decode::<TFMessage>()?);
                 return Ok(None);
             }
             Of::Sensor(number) => (usize::from(number), false),
@@ -263,7 +273,12 @@ impl Frames {
     fn warn_once_of(&mut self, topic: &str, what: &str) {
         let about = |text: &str| text.split(' ').next().map(str::to_owned);
         let begin = format!("{topic}: {}", about(what).unwrap_or_default());
-        if !self.report.warnings.iter().any(|warning| warning.starts_with(&begin)) {
+        if !self
+            .report
+            .warnings
+            .iter()
+            .any(|warning| warning.starts_with(&begin))
+        {
             self.report.warn(|| format!("{topic}: {what}"));
         }
     }

@@ -76,7 +76,9 @@ impl FromStr for Mount {
             .split(',')
             .map(|number| {
                 let number = number.trim();
-                number.parse().map_err(|_| format!("{number:?} is no number"))
+                number
+                    .parse()
+                    .map_err(|_| format!("{number:?} is no number"))
             })
             .collect();
         let parsed = parsed?;
@@ -114,7 +116,10 @@ mod tests {
     #[test]
     fn a_mounting_is_read_with_and_without_a_topic() {
         let mount: Mount = "1,-0.5, 0.3,0,0,1.5".parse().unwrap();
-        assert_eq!((mount.topic.as_deref(), mount.y_m, mount.yaw_rad), (None, -0.5, 1.5));
+        assert_eq!(
+            (mount.topic.as_deref(), mount.y_m, mount.yaw_rad),
+            (None, -0.5, 1.5)
+        );
         let mount: Mount = "/rear/scan=-0.5,0,0.3,0,0,3.14".parse().unwrap();
         assert_eq!(mount.topic.as_deref(), Some("/rear/scan"));
         assert_eq!(mount.to_string().parse(), Ok(mount));
@@ -140,6 +145,9 @@ mod tests {
             ..Mount::default()
         };
         let forward = mount.vehicle_from_sensor() * Point3::new(2.0, 1.0, 0.0);
-        assert!((forward - Point3::new(2.0, 2.0, 0.0)).norm() < 1e-12, "{forward}");
+        assert!(
+            (forward - Point3::new(2.0, 2.0, 0.0)).norm() < 1e-12,
+            "{forward}"
+        );
     }
 }

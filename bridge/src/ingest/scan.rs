@@ -136,7 +136,10 @@ impl RangeHabits {
             self.limits_m.push(scan.range_max);
         }
         self.has_none_mark |= scan.ranges.iter().any(|range_m| !range_m.is_finite());
-        let at_limit = scan.ranges.iter().filter(|range_m| **range_m == scan.range_max);
+        let at_limit = scan
+            .ranges
+            .iter()
+            .filter(|range_m| **range_m == scan.range_max);
         self.at_limit += at_limit.count() as u64;
         self.ranges += scan.ranges.len() as u64;
     }
@@ -239,7 +242,10 @@ mod tests {
         assert_ends(&ends, &[(0.0, -20.0, true)]);
         // The sensor stands: the largest reading stays the same, beside infinity or NaN.
         for none in [f32::INFINITY, f32::NAN] {
-            assert!(habits(&[(8.0, ranges(8.0, none)), (8.0, ranges(8.0, none))]));
+            assert!(habits(&[
+                (8.0, ranges(8.0, none)),
+                (8.0, ranges(8.0, none))
+            ]));
         }
         // The sensor moves: the largest reading is another one in each scan.
         assert!(habits(&[(8.0, ranges(8.0, 3.0)), (7.9, ranges(7.9, 3.0))]));
@@ -247,8 +253,14 @@ mod tests {
 
     #[test]
     fn a_fixed_greatest_range_means_that_nothing_was_seen() {
-        assert!(!habits(&[(30.0, ranges(3.0, 30.0)), (30.0, ranges(4.0, 30.0))]));
-        assert!(!habits(&[(30.0, ranges(30.0, 3.0)), (30.0, ranges(30.0, 4.0))]));
+        assert!(!habits(&[
+            (30.0, ranges(3.0, 30.0)),
+            (30.0, ranges(4.0, 30.0))
+        ]));
+        assert!(!habits(&[
+            (30.0, ranges(30.0, 3.0)),
+            (30.0, ranges(30.0, 4.0))
+        ]));
         // Here infinity means something else, perhaps that there was no measurement.
         assert!(!habits(&[(30.0, ranges(f32::INFINITY, 30.0)); 5]));
         // Two modes of one sensor.

@@ -92,10 +92,14 @@ pub(crate) fn survey(path: &Path, config: &IngestConfig) -> Result<Survey, Error
         collector.take(&message?, path)?;
     }
     let chosen = choice::choose(&mut collector, path, config)?;
-    timing::arrange(collector, chosen, timing::Arrangement {
-        log,
-        definitions: reader.into_definitions(),
-        path,
-        config,
-    })
+    timing::arrange(
+        collector,
+        chosen,
+        timing::Arrangement {
+            log,
+            definitions: reader.into_definitions(),
+            path,
+            config,
+        },
+    )
 }

@@ -165,9 +165,7 @@ impl Unpacker {
     fn feed(&mut self, source: &mut impl Read, wanted: usize) -> Result<(), Broken> {
         if self.left == 0 {
             if self.has_ended {
-                return Err(Broken::Damage(
-                    "the chunk ends inside a record".to_owned(),
-                ));
+                return Err(Broken::Damage("the chunk ends inside a record".to_owned()));
             }
             self.has_ended = true;
             self.put(&END_MARK);
@@ -211,7 +209,8 @@ fn check_records(mut bytes: &[u8]) -> Result<(), String> {
 fn check_records_of(source: &mut impl Read, mut len: u64) -> Result<(), Broken> {
     while len > 0 {
         let mut first = [0; HEAD_BYTES];
-        let no_record = || Broken::Damage(format!("the last {len} byte(s) of a chunk are no record"));
+        let no_record =
+            || Broken::Damage(format!("the last {len} byte(s) of a chunk are no record"));
         let behind = len.checked_sub(9).ok_or_else(no_record)?;
         source.read_exact(&mut first).map_err(Broken::Io)?;
         let body_len = head(first).1;

@@ -20,7 +20,11 @@ pub enum Existing {
 impl Existing {
     /// What a switch `--force` means.
     pub const fn of_force(is_forced: bool) -> Self {
-        if is_forced { Self::Replace } else { Self::Refuse }
+        if is_forced {
+            Self::Replace
+        } else {
+            Self::Refuse
+        }
     }
 }
 
@@ -122,9 +126,7 @@ fn exists(path: &Path, state: State) -> Error {
     Error::Exists {
         path: path.to_owned(),
         what: match state {
-            State::InUse => {
-                "another process is writing it right now: give another name".to_owned()
-            }
+            State::InUse => "another process is writing it right now: give another name".to_owned(),
             State::Unfinished => format!(
                 "it is a recording that was not finished: `swath bridge recover {shown} --out OTHER` \
                  saves its messages; give another name, or --force to replace it"
@@ -150,12 +152,18 @@ mod tests {
         let path = folder.path().join("a.mcap");
         std::fs::write(&path, b"mine").unwrap();
         let error = said(Writer::create(&path));
-        assert!(error.contains("a.mcap") && error.contains("--force"), "{error}");
+        assert!(
+            error.contains("a.mcap") && error.contains("--force"),
+            "{error}"
+        );
         assert!(!error.contains("recover"), "{error}");
         assert_eq!(said(check_out(&path, Existing::Refuse)), error);
         assert_eq!(std::fs::read(&path).unwrap(), b"mine");
         check_out(&path, Existing::Replace).unwrap();
-        Writer::create_with(&path, Existing::Replace).unwrap().finish().unwrap();
+        Writer::create_with(&path, Existing::Replace)
+            .unwrap()
+            .finish()
+            .unwrap();
         assert_eq!(std::fs::read(&path).unwrap()[..8], MAGIC);
         assert!(!said(Writer::create(&path)).contains("recover"));
         assert!(said(Writer::create(folder.path())).contains("directory"));
@@ -170,7 +178,10 @@ mod tests {
         let whole = std::fs::read(&path).unwrap();
         std::fs::write(&path, &whole[..whole.len() - 3]).unwrap();
         let error = said(Writer::create(&path));
-        assert!(error.contains("swath bridge recover") && error.contains("--force"), "{error}");
+        assert!(
+            error.contains("swath bridge recover") && error.contains("--force"),
+            "{error}"
+        );
     }
 
     #[test]
@@ -195,7 +206,10 @@ mod tests {
         std::os::unix::fs::symlink(&target, &link).unwrap();
         assert!(said(Writer::create(&link)).contains("--force"));
         std::fs::write(&target, b"mine").unwrap();
-        Writer::create_with(&link, Existing::Replace).unwrap().finish().unwrap();
+        Writer::create_with(&link, Existing::Replace)
+            .unwrap()
+            .finish()
+            .unwrap();
         assert_eq!(std::fs::read(&target).unwrap(), b"mine");
         Writer::create("/dev/null").unwrap().finish().unwrap();
     }

@@ -77,8 +77,10 @@ fn is_same(a: &Path, b: &Path) -> Result<bool, Error> {
     while left > 0 {
         let count = BLOCK_BYTES.min(usize::try_from(left).unwrap_or(BLOCK_BYTES));
         let (part_a, part_b) = (&mut block_a[..count], &mut block_b[..count]);
-        in_a.read_exact(part_a).map_err(|error| io_error(a, error))?;
-        in_b.read_exact(part_b).map_err(|error| io_error(b, error))?;
+        in_a.read_exact(part_a)
+            .map_err(|error| io_error(a, error))?;
+        in_b.read_exact(part_b)
+            .map_err(|error| io_error(b, error))?;
         if part_a != part_b {
             return Ok(false);
         }
@@ -112,6 +114,11 @@ mod tests {
         assert_eq!(found.files, [path("a"), path("other")]);
         assert_eq!(found.repeated.len(), 3);
         assert!(found.repeated.iter().all(|(_, first)| *first == path("a")));
-        assert!(distinct(&[path("none")]).unwrap_err().to_string().contains("none"));
+        assert!(
+            distinct(&[path("none")])
+                .unwrap_err()
+                .to_string()
+                .contains("none")
+        );
     }
 }

@@ -105,19 +105,18 @@ pub fn info(path: impl AsRef<Path>, progress: &mut dyn FnMut(u64, u64)) -> Resul
     for tally in tallies.values() {
         times.merge(&tally.times);
     }
-    let (first_log_nanos, last_log_nanos) = times.span(times.is_dated()).unwrap_or((0, 0));
+    let least = times.least();
+    let (first_log_nanos, last_log_nanos) = times.span(least).unwrap_or((0, 0));
     let topics = tallies.into_iter();
     Ok(Info {
         path: path.to_owned(),
         bytes: reader.len_bytes(),
-        messages: times.timed() + times.untimed(),
+        messages: times.messages(),
         first_log_nanos,
         last_log_nanos,
-        untimed: times.untimed(),
+        untimed: times.messages() - times.timed(least),
         duration_s: (last_log_nanos - first_log_nanos) as f64 / NANOS_PER_S,
-        topics: topics
-            .map(|topic| TopicInfo::new(topic, times.is_dated()))
-            .collect(),
+        topics: topics.map(|topic| TopicInfo::new(topic, least)).collect(),
         files: match log.files() {
             [_] => Vec::new(),
             files => files.to_vec(),
@@ -128,11 +127,11 @@ pub fn info(path: impl AsRef<Path>, progress: &mut dyn FnMut(u64, u64)) -> Resul
 }
 
 impl TopicInfo {
-    fn new(((topic, type_name), tally): ((Arc<str>, Arc<str>), Tally), is_dated: bool) -> Self {
-        let span = tally.times.span(is_dated);
+    fn new(((topic, type_name), tally): ((Arc<str>, Arc<str>), Tally), least: u64) -> Self {
+        let span = tally.times.span(least);
         let span_s = span.map_or(0.0, |(first, last)| (last - first) as f64 / NANOS_PER_S);
         let rate_hz = if span_s > 0.0 {
-            (tally.times.timed() - 1) as f64 / span_s
+            (tally.times.timed(least) - 1) as f64 / span_s
         } else {
             0.0
         };

@@ -317,7 +317,10 @@ impl LogReader {
     }
 
     fn next_message(&mut self) -> Result<Option<RawMessage>, Error> {
-        while let Some(len) = self.lens.get(usize::try_from(self.part).unwrap_or(usize::MAX)) {
+        while let Some(len) = self
+            .lens
+            .get(usize::try_from(self.part).unwrap_or(usize::MAX))
+        {
             if self.reader.is_none() {
                 self.reader = Some(self.log.part(self.part, Arc::clone(&self.wanted))?);
             }
@@ -326,7 +329,8 @@ impl LogReader {
             }
             self.done_bytes += len;
             if let Some(reader) = self.reader.take() {
-                self.definitions.insert(self.part, reader.into_definitions());
+                self.definitions
+                    .insert(self.part, reader.into_definitions());
             }
             self.part += 1;
         }

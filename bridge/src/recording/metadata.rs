@@ -104,9 +104,7 @@ fn files_of(bag: &Yaml<'_>) -> Result<Vec<String>, String> {
         let name = name
             .as_str()
             .filter(|name| !name.is_empty())
-            .ok_or_else(|| {
-                format!("relative_file_paths: entry {number} is no name of a file")
-            })?;
+            .ok_or_else(|| format!("relative_file_paths: entry {number} is no name of a file"))?;
         // A file that is named twice is one file.
         if !files.iter().any(|known| known == name) {
             files.push(name.to_owned());
@@ -134,7 +132,11 @@ mod tests {
         assert!(!metadata.has_packed_messages);
         let packed = parse(&text("MESSAGE", "zstd", "mcap")).unwrap();
         assert!(packed.has_packed_messages);
-        assert!(!parse(&text("FILE", "zstd", "mcap")).unwrap().has_packed_messages);
+        assert!(
+            !parse(&text("FILE", "zstd", "mcap"))
+                .unwrap()
+                .has_packed_messages
+        );
     }
 
     #[test]
@@ -144,7 +146,7 @@ mod tests {
             (text("CHUNK", "zstd", "mcap"), "compression_mode"),
             (text("\"\"", "\"\"", "sqlite3"), "storage_identifier"),
             ("a: [1".to_owned(), "not YAML"),
-            (String::new(), "rosbag2_bagfile_information"),
+            (String::new(), "empty"),
             ("a: 1".to_owned(), "rosbag2_bagfile_information"),
             (
                 "rosbag2_bagfile_information:\n  storage_identifier: mcap\n".to_owned(),

@@ -93,12 +93,16 @@ impl Index {
     /// Puts the entries in the order of their keys and leaves out those that are not wanted.
     pub(crate) fn sort(&mut self, wanted: impl Fn(&Entry) -> bool) {
         self.entries.retain(wanted);
-        self.entries.sort_by_key(|entry| (entry.key, entry.block, entry.number));
+        self.entries
+            .sort_by_key(|entry| (entry.key, entry.block, entry.number));
     }
 
     /// Bytes of all messages.
     pub(crate) fn bytes(&self) -> u64 {
-        self.entries.iter().map(|entry| u64::from(entry.bytes)).sum()
+        self.entries
+            .iter()
+            .map(|entry| u64::from(entry.bytes))
+            .sum()
     }
 }
 
@@ -199,9 +203,7 @@ impl OrderedReader {
             let wanted = entries[*place].number;
             let message = loop {
                 match reader.next().transpose()? {
-                    Some(message)
-                        if message.offset == block.offset && message.number == wanted =>
-                    {
+                    Some(message) if message.offset == block.offset && message.number == wanted => {
                         break message;
                     }
                     Some(message) if message.offset == block.offset => {}

@@ -30,7 +30,9 @@ fn glob(pattern: &[u8], text: &[u8]) -> bool {
             return false;
         }
     }
-    pattern[at.min(pattern.len())..].iter().all(|byte| *byte == b'*')
+    pattern[at.min(pattern.len())..]
+        .iter()
+        .all(|byte| *byte == b'*')
 }
 
 #[cfg(test)]
@@ -63,9 +65,7 @@ mod tests {
         match pattern.split_first() {
             None => text.is_empty(),
             Some((b'*', rest)) => (0..=text.len()).any(|count| slow(rest, &text[count..])),
-            Some((first, rest)) => {
-                text.first() == Some(first) && slow(rest, &text[1..])
-            }
+            Some((first, rest)) => text.first() == Some(first) && slow(rest, &text[1..]),
         }
     }
 

@@ -158,7 +158,8 @@ impl<R: Read + Seek> Reader<R> {
         self.len = len.map_err(|source| self.io(source))?;
         self.source.rewind().map_err(|source| self.io(source))?;
         if self.len == 0 {
-            return Err(self.bad(0, "the file is empty, expected an MCAP file"));
+            let what = self.damage.as_deref().unwrap_or("the file is empty");
+            return Err(self.bad(0, format!("{what}, expected an MCAP file")));
         }
         let most = self.len.min(8);
         let mut magic = [0; MAGIC.len()];
@@ -199,9 +200,9 @@ impl<R: Read + Seek> Reader<R> {
         self.bad(
             self.offset,
             match &self.damage {
-                Some(damage) => format!(
-                    "{damage} (`swath bridge recover` saves what comes before)"
-                ),
+                Some(damage) => {
+                    format!("{damage} (`swath bridge recover` saves what comes before)")
+                }
                 None => format!(
                     "the file is cut off: {what} of {wanted} byte(s) expected, {left} left \
                      (`swath bridge recover` saves what is there)"
@@ -365,7 +366,9 @@ impl<R: Read + Seek> Reader<R> {
                 offset: chunk.offset,
                 number: chunk.messages,
             };
-            chunk.messages = chunk.messages.saturating_add(u32::from(kind == op::MESSAGE));
+            chunk.messages = chunk
+                .messages
+                .saturating_add(u32::from(kind == op::MESSAGE));
             match taken {
                 Ok(None) => {}
                 Ok(Some(found)) => return Ok(Some(found.at(place, &self.path))),

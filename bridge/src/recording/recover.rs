@@ -447,3 +447,6 @@ fn indexed_messages(body: &[u8]) -> u64 {
         u64::try_from(entries.len() / ENTRY_BYTES).unwrap_or(0)
     })
 }
+
+#[cfg(test)]
+mod tests;

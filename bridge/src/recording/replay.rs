@@ -9,8 +9,8 @@ use serde::Serialize;
 use tokio::sync::mpsc::{Receiver, Sender, channel};
 use tokio::time::Instant;
 
-use super::message::RawMessage;
 use super::log::Log;
+use super::message::RawMessage;
 use super::order::{Index, MOST_INDEXED, OrderedReader};
 use super::pattern::matches;
 use super::times::LogTimes;
@@ -238,7 +238,8 @@ struct Plan {
     log: Log,
     /// Log time at which the clock begins, nanoseconds.
     begin_nanos: u64,
-    is_dated: bool,
+    /// The least log time that is one.
+    least_nanos: u64,
     /// Where its messages are, if they are not in order.
     ordered: Option<Ordered>,
 }
@@ -292,11 +293,11 @@ impl Plan {
                 ),
             });
         }
-        let is_dated = times.is_dated();
+        let least_nanos = times.least();
         let mut plan = Self {
             log,
-            begin_nanos: times.span(is_dated).map_or(0, |(first, _)| first),
-            is_dated,
+            begin_nanos: times.span(least_nanos).map_or(0, |(first, _)| first),
+            least_nanos,
             ordered: None,
         };
         if !is_sorted {
@@ -320,7 +321,7 @@ impl Plan {
 
     /// When a message is due, seconds behind the beginning: those without a time at once.
     fn at_s(&self, log_nanos: u64) -> f64 {
-        if LogTimes::is_real(log_nanos, self.is_dated) {
+        if log_nanos >= self.least_nanos {
             log_nanos.saturating_sub(self.begin_nanos) as f64 / NANOS_PER_S
         } else {
             0.0
@@ -411,16 +412,16 @@ impl Plan {
 }
 
 /// Checks that every pattern chooses something.
-fn check_patterns(
-    options: &ReplayOptions,
-    topics: &BTreeMap<Arc<str>, bool>,
-) -> Result<(), Error> {
-    let chooses_nothing =
-        |pattern: &&String| !topics.keys().any(|topic| matches(pattern, topic));
+fn check_patterns(options: &ReplayOptions, topics: &BTreeMap<Arc<str>, bool>) -> Result<(), Error> {
+    let chooses_nothing = |pattern: &&String| !topics.keys().any(|topic| matches(pattern, topic));
     let Some(pattern) = options.topics.iter().find(chooses_nothing) else {
         return Ok(());
     };
-    let mut found: Vec<&str> = topics.keys().take(MOST_LISTED).map(|topic| &**topic).collect();
+    let mut found: Vec<&str> = topics
+        .keys()
+        .take(MOST_LISTED)
+        .map(|topic| &**topic)
+        .collect();
     if topics.len() > MOST_LISTED {
         found.push("and more");
     }

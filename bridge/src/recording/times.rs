@@ -4,6 +4,9 @@
 /// from the start of a machine or a simulation are earlier.
 const DATED_NANOS: u64 = 631_152_000_000_000_000;
 
+/// A clock whose second message comes this soon behind 0 began at 0, nanoseconds.
+const SOON_NANOS: u64 = 1_000_000_000;
+
 /// The log times of messages: from when to when, and how many are none.
 ///
 /// A log time of 0 is none: recorders write it before `/clock` came. Where some messages have a date,
@@ -62,44 +65,47 @@ impl LogTimes {
         self.dated.add(&other.dated);
     }
 
-    const fn real(&self) -> &Span {
-        if self.is_dated() {
-            &self.dated
+    /// The least log time that is one, given all messages of a recording.
+    pub(super) const fn least(&self) -> u64 {
+        if self.dated.messages > 0 {
+            DATED_NANOS
+        } else if self.counted.messages > 0 && self.counted.first_nanos <= SOON_NANOS {
+            0
         } else {
-            &self.counted
+            1
         }
     }
 
-    /// Whether the clock tells the date.
-    pub(super) const fn is_dated(&self) -> bool {
-        self.dated.messages > 0
+    /// The messages with log times from the least one of the recording on.
+    fn timed_from(&self, least: u64) -> Span {
+        let mut span = self.dated;
+        if least < DATED_NANOS {
+            span.add(&self.counted);
+        }
+        if least == 0 && self.zeros > 0 {
+            span.add(&Span {
+                messages: self.zeros,
+                first_nanos: 0,
+                last_nanos: 0,
+            });
+        }
+        span
     }
 
-    /// Whether a log time is one, where a clock tells the date or not.
-    pub(super) const fn is_real(log_nanos: u64, is_dated: bool) -> bool {
-        log_nanos >= if is_dated { DATED_NANOS } else { 1 }
-    }
-
-    /// The earliest and the latest time, `None` if no message has one. `is_dated` is that of all topics
-    /// of a recording.
-    pub(super) fn span(&self, is_dated: bool) -> Option<(u64, u64)> {
-        let span = if is_dated { &self.dated } else { self.real() };
+    /// The earliest and the latest time, `None` if no message has one.
+    pub(super) fn span(&self, least: u64) -> Option<(u64, u64)> {
+        let span = self.timed_from(least);
         (span.messages > 0).then_some((span.first_nanos, span.last_nanos))
     }
 
     /// Messages that have a time.
-    pub(super) const fn timed(&self) -> u64 {
-        self.real().messages
+    pub(super) fn timed(&self, least: u64) -> u64 {
+        self.timed_from(least).messages
     }
 
-    /// Messages that have none.
-    pub(super) const fn untimed(&self) -> u64 {
-        let counted = if self.is_dated() {
-            self.counted.messages
-        } else {
-            0
-        };
-        self.zeros + counted
+    /// All messages.
+    pub(super) const fn messages(&self) -> u64 {
+        self.zeros + self.counted.messages + self.dated.messages
     }
 }
 
@@ -118,16 +124,25 @@ mod tests {
     #[test]
     fn the_clock_begins_at_the_first_time_that_is_one() {
         let times = times(&[0, 0, 7, NOW + 5, NOW, NOW + 9]);
-        assert_eq!(times.span(true), Some((NOW, NOW + 9)));
-        assert_eq!((times.timed(), times.untimed()), (3, 3));
-        assert!(!LogTimes::is_real(7, true) && LogTimes::is_real(7, false));
+        let least = times.least();
+        assert!(least > 7 && least < NOW);
+        assert_eq!(times.span(least), Some((NOW, NOW + 9)));
+        assert_eq!((times.timed(least), times.messages()), (3, 6));
     }
 
     #[test]
     fn clocks_of_simulations_count_from_their_own_start() {
-        let times = times(&[0, 9_000_000_000, 3_000_000_000]);
-        assert_eq!(times.span(false), Some((3_000_000_000, 9_000_000_000)));
-        assert_eq!(times.untimed(), 1);
-        assert_eq!(LogTimes::default().span(false), None);
+        let late = times(&[0, 9_000_000_000, 3_000_000_000]);
+        assert_eq!(
+            late.span(late.least()),
+            Some((3_000_000_000, 9_000_000_000))
+        );
+        let from_0 = times(&[0, 100_000_000, 200_000_000]);
+        assert_eq!(from_0.span(from_0.least()), Some((0, 200_000_000)));
+        let none = times(&[0, 0]);
+        assert_eq!(
+            (none.span(none.least()), none.timed(none.least())),
+            (None, 0)
+        );
     }
 }

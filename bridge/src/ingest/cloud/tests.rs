@@ -176,7 +176,7 @@ fn what_does_not_fit_is_named() {
     assert!(spoilt(&|c| c.point_step = 3).contains("of a point of 3 bytes"));
     assert!(spoilt(&|c| c.data.truncate(40)).contains("need 64 bytes, found 40"));
     assert!(spoilt(&|c| (c.width, c.height) = (u32::MAX, u32::MAX)).contains("at most"));
-    assert!(spoilt(&|c| c.width = 1_000_000).contains("need 32000000 bytes, found 128"));
+    assert!(spoilt(&|c| c.width = 1_000_000).contains("need 32000000 bytes, found 64"));
 }
 
 #[test]
@@ -189,7 +189,10 @@ fn the_length_of_the_data_decides_where_row_step_is_wrong() {
         odd.row_step = row_step;
         assert_eq!(read(&odd).unwrap(), READ, "{row_step}");
         let said = oddity_of(&odd).unwrap();
-        assert!(said.contains(&format!("row_step is {row_step}, expected")), "{said}");
+        assert!(
+            said.contains(&format!("row_step is {row_step}, expected")),
+            "{said}"
+        );
     }
     // Rows that are padded say so, or their number tells.
     let padded = Form {
@@ -198,7 +201,10 @@ fn the_length_of_the_data_decides_where_row_step_is_wrong() {
         ..PLAIN
     };
     let mut odd = cloud(&POINTS, padded);
-    assert_eq!((read(&odd).unwrap(), oddity_of(&odd)), (READ.to_vec(), None));
+    assert_eq!(
+        (read(&odd).unwrap(), oddity_of(&odd)),
+        (READ.to_vec(), None)
+    );
     for row_step in [0, u32::MAX] {
         odd.row_step = row_step;
         assert_eq!(read(&odd).unwrap(), READ);

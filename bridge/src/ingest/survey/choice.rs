@@ -63,16 +63,21 @@ pub(super) fn choose(
 /// each, transforms included.
 fn no_usable(collector: &Collector, path: &Path, chosen: &[&String]) -> Error {
     let is_unusable = |topic: &Topic| topic.usable == 0 && topic.cause.is_some();
-    let transforms = collector.topics.iter().filter(|(_, topic)| {
-        topic.type_name == TFMessage::TYPE_NAME && is_unusable(topic)
-    });
-    let names = transforms.map(|(name, _)| name).chain(chosen.iter().copied());
+    let transforms = collector
+        .topics
+        .iter()
+        .filter(|(_, topic)| topic.type_name == TFMessage::TYPE_NAME && is_unusable(topic));
+    let names = transforms
+        .map(|(name, _)| name)
+        .chain(chosen.iter().copied());
     let causes: Vec<String> = names
         .filter_map(|name| {
             let topic = collector.topics.get(name)?;
             let cause = topic.cause.as_deref().unwrap_or("no cause is known");
-            // The path stands in front of all causes already.
-            let cause = cause.strip_prefix(&format!("{}: ", path.display())).unwrap_or(cause);
+            // Path and topic are said already.
+            let cause = cause
+                .split_once(&format!(": {name}: "))
+                .map_or(cause, |(_, cause)| cause);
             Some(format!(
                 "no usable message on {name} ({} messages): {cause}",
                 topic.messages
@@ -91,7 +96,11 @@ fn sensors_of(
 ) -> Result<Vec<(String, SensorKind)>, String> {
     let mut chosen: Vec<(String, SensorKind)> = Vec::new();
     for (names, type_name, kind) in [
-        (&config.points_topics, PointCloud2::TYPE_NAME, SensorKind::Points),
+        (
+            &config.points_topics,
+            PointCloud2::TYPE_NAME,
+            SensorKind::Points,
+        ),
         (&config.scan_topics, LaserScan::TYPE_NAME, SensorKind::Scan),
     ] {
         for name in names {

@@ -42,7 +42,11 @@ impl Times {
     const fn of_mark(self, mark: Mark) -> Mark {
         let has_stamp = self.has_stamps && mark.nanos != 0;
         Mark {
-            nanos: if has_stamp { mark.nanos } else { mark.log_nanos },
+            nanos: if has_stamp {
+                mark.nanos
+            } else {
+                mark.log_nanos
+            },
             ..mark
         }
     }
@@ -57,9 +61,17 @@ pub(super) fn arrange(
     chosen: Chosen,
     of: Arrangement<'_>,
 ) -> Result<Survey, Error> {
-    let mut odometry = collector.topics.remove(&chosen.odometry).unwrap_or_default();
+    let mut odometry = collector
+        .topics
+        .remove(&chosen.odometry)
+        .unwrap_or_default();
     let times = Times::of(&odometry.odometry, of.config.clock);
-    let odometry_span = span_of(odometry.odometry.iter().map(|(_, mark)| times.of_mark(*mark)));
+    let odometry_span = span_of(
+        odometry
+            .odometry
+            .iter()
+            .map(|(_, mark)| times.of_mark(*mark)),
+    );
     let drives = drives(&mut odometry, times, (&chosen.odometry, &of))?;
     let mut warnings = of.log.warnings().to_vec();
     warnings.append(&mut collector.warnings);
@@ -77,7 +89,10 @@ pub(super) fn arrange(
     for (topic, kind, mount) in chosen.sensors {
         let mut of_topic = collector.topics.remove(&topic).unwrap_or_default();
         let sweeps = std::mem::take(&mut of_topic.sweeps);
-        let marks: Vec<Mark> = sweeps.iter().map(|sweep| times.of_mark(sweep.mark)).collect();
+        let marks: Vec<Mark> = sweeps
+            .iter()
+            .map(|sweep| times.of_mark(sweep.mark))
+            .collect();
         let matches = match_marks(&drives, &marks);
         let number = u8::try_from(sensors.len()).unwrap_or(u8::MAX);
         let events = events_of(&sweeps, &marks, &matches, Of::Sensor(number));
@@ -111,11 +126,13 @@ pub(super) fn arrange(
     }
     warnings.append(&mut apart);
     lead(&sensors, &mut found);
-    found.push(transform_events(&collector.transform_messages, &drives, times));
+    found.push(transform_events(
+        &collector.transform_messages,
+        &drives,
+        times,
+    ));
     let mut events: Found = found.into_iter().flatten().collect();
-    events.sort_by_key(|(event, entry)| {
-        (event.drive, event.nanos, event.of, entry.place())
-    });
+    events.sort_by_key(|(event, entry)| (event.drive, event.nanos, event.of, entry.place()));
     for (place, (_, entry)) in events.iter().enumerate() {
         let key = u64::try_from(place).unwrap_or(u64::MAX);
         if !collector.index.push(entry.with_key(key)) {
@@ -128,7 +145,10 @@ pub(super) fn arrange(
     let topics: Vec<String> = sensors.iter().map(|sensor| sensor.topic.clone()).collect();
     let transforms = transform_topics(&collector.topics);
     let wanted = move |topic: &str| {
-        topics.iter().chain(&transforms).any(|wanted| wanted == topic)
+        topics
+            .iter()
+            .chain(&transforms)
+            .any(|wanted| wanted == topic)
     };
     Ok(Survey {
         sensors,
@@ -196,7 +216,10 @@ fn events_of(sweeps: &[Sweep], marks: &[Mark], matches: &Matches, of: Of) -> Fou
 /// Transforms belong to the drive that has a pose at their time, or else to the first one, where they
 /// come before everything else: most are sent once and hold for the whole log.
 fn transform_events(messages: &[Sweep], drives: &[Drive], times: Times) -> Found {
-    let marks: Vec<Mark> = messages.iter().map(|sweep| times.of_mark(sweep.mark)).collect();
+    let marks: Vec<Mark> = messages
+        .iter()
+        .map(|sweep| times.of_mark(sweep.mark))
+        .collect();
     let matches = match_marks(drives, &marks);
     let all = messages.iter().zip(&marks).zip(&matches.drives);
     all.map(|((sweep, mark), drive)| {
@@ -245,7 +268,12 @@ struct Spans {
 }
 
 impl Spans {
-    fn describe(&self, (topic, sweeps): (&str, u64), odometry: &str, config: &IngestConfig) -> String {
+    fn describe(
+        &self,
+        (topic, sweeps): (&str, u64),
+        odometry: &str,
+        config: &IngestConfig,
+    ) -> String {
         let text = |span: Span| {
             span.map_or("nothing".to_owned(), |(first, last)| {
                 format!("{:.3} s to {:.3} s", first as f64 / 1e9, last as f64 / 1e9)
