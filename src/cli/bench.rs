@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use clap::Args;
 use swath_planner::Method;
 
+use super::LogOptions;
 use super::plan::parse_method;
 
 /// Measure methods side by side, as the paper's tables do.
@@ -21,8 +22,8 @@ pub(crate) struct BenchOptions {
     /// Seed of the scenes
     #[arg(long, default_value_t = 1000)]
     pub(crate) seed: u64,
-    /// Drive log to take frames from instead; may be given again
-    #[arg(long, value_name = "FILE")]
+    /// Drive log to take frames from instead (.mcap, .mcap.zstd or a rosbag2 folder); may be given again
+    #[arg(long, value_name = "LOG")]
     pub(crate) log: Vec<PathBuf>,
     /// Numbers of targets
     #[arg(long, value_delimiter = ',', default_value = "1,3,7,10,15,20,30,40,50")]
@@ -47,6 +48,11 @@ pub(crate) struct BenchOptions {
     /// Recording to write
     #[arg(long, value_name = "FILE")]
     pub(crate) out: PathBuf,
+    /// Replace the recording if it is there
+    #[arg(long)]
+    pub(crate) force: bool,
+    #[command(flatten)]
+    pub(crate) ingest: LogOptions,
 }
 
 /// Turn recordings into tables, plots and a report.

@@ -4,6 +4,8 @@ use std::path::PathBuf;
 
 use clap::Args;
 
+use super::LogOptions;
+
 /// Run everything at once: two generators, a trainer, a planner on live grids, a recorder.
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:
@@ -13,10 +15,15 @@ pub(crate) struct DemoOptions {
     /// How long to run, seconds
     #[arg(long, default_value_t = 120, value_parser = clap::value_parser!(u64).range(5..=86400))]
     pub(crate) seconds: u64,
-    /// Drive log (rosbag2-profile MCAP) for scenes and live grids; may be given again
-    #[arg(long, value_name = "FILE")]
+    /// Drive log for scenes and live grids (.mcap, .mcap.zstd or a rosbag2 folder); may be given again
+    #[arg(long, value_name = "LOG")]
     pub(crate) log: Vec<PathBuf>,
     /// Directory for recording, weights and report
     #[arg(long, default_value = "runs/demo", value_name = "DIR")]
     pub(crate) out: PathBuf,
+    /// Replace the recording of an earlier demo if it is there
+    #[arg(long)]
+    pub(crate) force: bool,
+    #[command(flatten)]
+    pub(crate) ingest: LogOptions,
 }

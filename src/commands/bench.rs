@@ -5,7 +5,7 @@ mod checked;
 use std::sync::Arc;
 
 use swath_bridge::msg::header::Header;
-use swath_bridge::recording::Writer;
+use swath_bridge::recording::{Existing, Writer, check_out};
 use swath_bridge::{Frame, Vehicle, keys};
 use swath_generator::Generator;
 use swath_planner::network::Network;
@@ -29,6 +29,8 @@ const VEHICLE: &str = "bench";
 /// Runs the command.
 pub(crate) fn run(options: &BenchOptions, config: &Config) -> Result<(), Failure> {
     check(options)?;
+    let existing = Existing::of_force(options.force);
+    check_out(&options.out, existing)?;
     let network = network::load(options.weights.as_deref())?;
     let is_of_use = options.weights.is_some() || network::misfit(network.info(), config).is_none();
     let network = is_of_use.then_some(network);
@@ -39,7 +41,7 @@ pub(crate) fn run(options: &BenchOptions, config: &Config) -> Result<(), Failure
         named => named,
     };
     let entrants = entrants_of(&methods, deadlines_ms);
-    let scenes = scenes_of(&options.log, config)?;
+    let scenes = scenes_of(&options.log, &options.ingest.apply(config.ingest()))?;
     let bench = Bench {
         generator: Generator::new(config.generator(), scenes)?,
         planner: FramePlanner::new(Arc::new(MotionModel::new(
@@ -58,7 +60,7 @@ pub(crate) fn run(options: &BenchOptions, config: &Config) -> Result<(), Failure
     };
     let mut checked = options.check.then(Checked::default);
     let bar = progress::bar(options.scenes, "bench");
-    let mut writer = Writer::create(&options.out)?;
+    let mut writer = Writer::create_with(&options.out, existing)?;
     let mut frames = 0;
     for scene_index in 0..options.scenes {
         let (kind, frame) = bench.generator.frame(options.seed, scene_index);

@@ -4,11 +4,13 @@ mod children;
 mod feed;
 
 use std::collections::BTreeMap;
+use std::fs::{File, TryLockError};
 use std::path::Path;
 use std::time::Duration;
 
 use anyhow::Context;
 use swath_bridge::msg::swath::{PlanReport, TrainStatus};
+use swath_bridge::recording::{Existing, check_out};
 use swath_bridge::{Session, keys};
 use tokio::time::{Instant, sleep_until};
 
@@ -37,11 +39,13 @@ pub(crate) fn run(
 ) -> Result<(), Failure> {
     let out = &options.out;
     std::fs::create_dir_all(out).with_context(|| out.display().to_string())?;
+    let _claim = claim(out)?;
     let recording = out.join("run.mcap");
+    check_out(&recording, Existing::of_force(options.force))?;
     // A namespace of its own keeps a demo apart from whatever else runs on this machine.
     let namespace = format!("demo-{}", std::process::id());
     let launcher = Launcher::new(out, &namespace, config_file)?;
-    let feed = feed::Feed::open(&options.log, config)?;
+    let feed = feed::Feed::open(&options.log, options.ingest.apply(config.ingest()), config)?;
     let nodes = node_arguments(options, &recording);
     let network = NetworkOptions {
         namespace: Some(namespace),
@@ -63,6 +67,18 @@ pub(crate) fn run(
     finish(out, &recording)
 }
 
+/// Keeps other demos out of the directory for as long as the file is open.
+fn claim(out: &Path) -> anyhow::Result<File> {
+    let directory = File::open(out).with_context(|| out.display().to_string())?;
+    if matches!(directory.try_lock(), Err(TryLockError::WouldBlock)) {
+        anyhow::bail!(
+            "{}: another demo is running there: give another --out",
+            out.display()
+        );
+    }
+    Ok(directory)
+}
+
 /// The nodes and their arguments, in the order in which they are stopped.
 fn node_arguments(options: &DemoOptions, recording: &Path) -> Vec<(String, Vec<String>)> {
     let logs = || {
@@ -80,6 +96,9 @@ fn node_arguments(options: &DemoOptions, recording: &Path) -> Vec<(String, Vec<S
         let id = format!("generator-{index}");
         let mut arguments = words(&["generate", "--id", &id, "--workers", "1"]);
         arguments.extend(logs());
+        if !options.log.is_empty() {
+            arguments.extend(options.ingest.arguments());
+        }
         nodes.push((id, arguments));
     }
     let train = options.out.join("train").display().to_string();
@@ -114,10 +133,9 @@ fn node_arguments(options: &DemoOptions, recording: &Path) -> Vec<(String, Vec<S
         ]),
     ));
     let recording = recording.display().to_string();
-    nodes.push((
-        "recorder".to_owned(),
-        words(&["bridge", "record", "--out", &recording]),
-    ));
+    let mut recorder = words(&["bridge", "record", "--out", &recording]);
+    recorder.extend(options.force.then(|| "--force".to_owned()));
+    nodes.push(("recorder".to_owned(), recorder));
     nodes
 }
 

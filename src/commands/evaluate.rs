@@ -1,9 +1,7 @@
 //! `swath evaluate`: a network and two baselines against labels.
 
-use std::path::Path;
-
 use serde::Serialize;
-use swath_bridge::recording::Writer;
+use swath_bridge::recording::{Existing, Writer, check_out};
 use swath_bridge::{clock, keys};
 use swath_trainer::{
     DISTANCE_GROUPS_M, Evaluated, IOU_GROUPS, Limits, Predictor, Ranking, Report, evaluate,
@@ -23,6 +21,10 @@ const RUN: &str = "file";
 
 /// Runs the command.
 pub(crate) fn run(options: &EvaluateOptions, config: &Config) -> Result<(), Failure> {
+    let existing = Existing::of_force(options.force);
+    if let Some(out) = &options.out {
+        check_out(out, existing)?;
+    }
     let network = network::load(options.weights.as_deref())?;
     let mut examples = open(&options.data)?.into_examples();
     if let Some(count) = options.aside.aside {
@@ -54,7 +56,8 @@ pub(crate) fn run(options: &EvaluateOptions, config: &Config) -> Result<(), Fail
         picture::draw(path, predictors[0], (&examples, dilation_m), config)?;
     }
     if let Some(out) = &options.out {
-        record(out, &split_name(options), &reports)?;
+        let writer = Writer::create_with(out, existing)?;
+        record(writer, &split_name(options), &reports)?;
     }
     if options.json {
         output::json(&Json::new(&reports, ranking)?)?;
@@ -235,8 +238,11 @@ fn print(reports: &[(&'static str, Report)]) -> anyhow::Result<()> {
 }
 
 /// Writes the counts, from which a report makes its table.
-fn record(out: &Path, split: &str, reports: &[(&'static str, Report)]) -> anyhow::Result<()> {
-    let mut writer = Writer::create(out)?;
+fn record(
+    mut writer: Writer,
+    split: &str,
+    reports: &[(&'static str, Report)],
+) -> anyhow::Result<()> {
     for (predictor, report) in reports {
         let of = Evaluated {
             run: RUN,
