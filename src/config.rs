@@ -89,7 +89,12 @@ impl Config {
         let (grid, vehicle) = (&self.grid, &self.vehicle);
         for (section, key, is_same, instead) in [
             ("ingest", "spec", self.ingest.spec == *grid, "grid"),
-            ("ingest", "vehicle", self.ingest.vehicle == *vehicle, "vehicle"),
+            (
+                "ingest",
+                "vehicle",
+                self.ingest.vehicle == *vehicle,
+                "vehicle",
+            ),
             ("generator", "grid", self.generator.grid == *grid, "grid"),
             (
                 "generator",

@@ -141,8 +141,16 @@ mod tests {
         assert_eq!(
             times.map(|seconds| duration(Duration::from_secs(seconds))),
             [
-                "0 s", "8 s", "89 s", "2 min", "3 min", "59 min", "1 h 0 min", "3 h 5 min",
-                "24 h 0 min", "1 d 4 h"
+                "0 s",
+                "8 s",
+                "89 s",
+                "2 min",
+                "3 min",
+                "59 min",
+                "1 h 0 min",
+                "3 h 5 min",
+                "24 h 0 min",
+                "1 d 4 h"
             ]
         );
         assert_eq!(duration(Duration::from_millis(1500)), "2 s");

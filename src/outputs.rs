@@ -17,11 +17,7 @@ pub(crate) fn test_folder(path: &Path) -> anyhow::Result<()> {
     let there = nearest_existing(path);
     let found = fs::metadata(&there).with_context(|| named(&there))?;
     if !found.is_dir() {
-        bail!(
-            "{}: nothing can be written there, because {} is not a folder",
-            path.display(),
-            there.display()
-        );
+        bail!("{}: expected a folder, but it is a file", there.display());
     }
     try_a_file(&there).with_context(|| format!("{}: nothing can be written there", path.display()))
 }
@@ -140,11 +136,11 @@ mod tests {
             for tested in [test_folder(&below), test_file(&below)] {
                 let said = format!("{:#}", tested.unwrap_err());
                 assert!(said.contains(&file.display().to_string()), "{said}");
-                assert!(said.contains("not a folder"), "{said}");
+                assert!(said.contains("expected a folder"), "{said}");
             }
         }
         let said = test_folder(&file).unwrap_err().to_string();
-        assert!(said.contains("not a folder"), "{said}");
+        assert!(said.contains("expected a folder"), "{said}");
         let said = test_file(folder.path()).unwrap_err().to_string();
         assert!(said.contains("it is a folder"), "{said}");
         let long = folder.path().join("x".repeat(300));

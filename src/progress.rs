@@ -81,9 +81,12 @@ fn styled(style: ProgressStyle, unit: Unit) -> ProgressStyle {
     type Written<'a> = &'a mut dyn std::fmt::Write;
     // Nothing can be done about a terminal that takes no text.
     style
-        .with_key("position", move |state: &ProgressState, text: Written<'_>| {
-            let _ = write!(text, "{}", unit.figure(state.pos()));
-        })
+        .with_key(
+            "position",
+            move |state: &ProgressState, text: Written<'_>| {
+                let _ = write!(text, "{}", unit.figure(state.pos()));
+            },
+        )
         .with_key("total", move |state: &ProgressState, text: Written<'_>| {
             let _ = write!(text, "{}", unit.said(state.len().unwrap_or(0)));
         })

@@ -5,10 +5,10 @@ use std::path::PathBuf;
 use serde::Serialize;
 
 use crate::agreement::Agreement;
-use crate::interval::Interval;
 use crate::comparison::{Comparison, PairSet};
 use crate::format::{count, interval, optional, percent, share, significant, times};
 use crate::health::{Health, PlannerHealth, TrainerHealth};
+use crate::interval::Interval;
 use crate::paper;
 use crate::tables::Tables;
 

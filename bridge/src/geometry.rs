@@ -89,7 +89,7 @@ impl Cell {
 
 /// The size of a grid and where the vehicle stands on it.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
+#[serde(default, deny_unknown_fields)]
 pub struct GridSpec {
     /// Rows, along x.
     pub rows: u32,

@@ -163,12 +163,48 @@ mod tests {
         TargetConfig::default().validate().unwrap();
         let good = TargetConfig::default();
         for (field, bad) in [
-            ("count", TargetConfig { count: MAX_TARGETS + 1, ..good }),
-            ("nearest_m", TargetConfig { nearest_m: -1.0, ..good }),
-            ("farthest_m", TargetConfig { farthest_m: 7.9, ..good }),
-            ("farthest_m", TargetConfig { farthest_m: f64::INFINITY, ..good }),
-            ("across_m", TargetConfig { across_m: f64::NAN, ..good }),
-            ("across_m", TargetConfig { across_m: 0.0, ..good }),
+            (
+                "count",
+                TargetConfig {
+                    count: MAX_TARGETS + 1,
+                    ..good
+                },
+            ),
+            (
+                "nearest_m",
+                TargetConfig {
+                    nearest_m: -1.0,
+                    ..good
+                },
+            ),
+            (
+                "farthest_m",
+                TargetConfig {
+                    farthest_m: 7.9,
+                    ..good
+                },
+            ),
+            (
+                "farthest_m",
+                TargetConfig {
+                    farthest_m: f64::INFINITY,
+                    ..good
+                },
+            ),
+            (
+                "across_m",
+                TargetConfig {
+                    across_m: f64::NAN,
+                    ..good
+                },
+            ),
+            (
+                "across_m",
+                TargetConfig {
+                    across_m: 0.0,
+                    ..good
+                },
+            ),
         ] {
             let said = bad.validate().unwrap_err().to_string();
             assert!(said.starts_with(&format!("{field} is ")), "{said}");

@@ -6,7 +6,10 @@ use clap::Args;
 
 use super::values;
 
-/// Run everything at once: two generators, a trainer, a planner on live grids, a recorder.
+/// Run everything at once: generators, a trainer, two planners on live grids, a recorder.
+///
+/// A machine of fewer than four processors gets one generator and five grids a second, others two
+/// generators and ten grids.
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:
   swath demo

@@ -99,7 +99,17 @@ mod tests {
             assert_eq!(name(good).as_deref(), Ok(good));
         }
         for bad in [
-            "", "a/b", "*", "a*", "$x", "a b", "a#b", "a?b", "@x", "\n", &"a".repeat(65),
+            "",
+            "a/b",
+            "*",
+            "a*",
+            "$x",
+            "a b",
+            "a#b",
+            "a?b",
+            "@x",
+            "\n",
+            &"a".repeat(65),
         ] {
             assert!(name(bad).is_err(), "{bad:?}");
         }

@@ -10,8 +10,8 @@ use swath_bridge::{Frame, Outcome, Vehicle, keys};
 use swath_generator::Generator;
 use swath_planner::network::Network;
 use swath_planner::{
-    FrameInput, FramePlan, FramePlanner, Method, MotionModel, PlanConfig, Start,
-    TargetConfig, TargetPlan, plan_report, sample_targets,
+    FrameInput, FramePlan, FramePlanner, Method, MotionModel, PlanConfig, Start, TargetConfig,
+    TargetPlan, plan_report, sample_targets,
 };
 
 use checked::Checked;

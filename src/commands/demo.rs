@@ -22,8 +22,8 @@ use crate::output::{self, Failure};
 use crate::runtime::{stop_signal, with_session};
 use crate::{human, outputs};
 
-/// Generators of a demo.
-const GENERATORS: usize = 2;
+/// With fewer processors than this, a demo does less.
+const CORES: usize = 4;
 /// Folder of the trainer, in that of the demo.
 const TRAIN_FOLDER: &str = "train";
 /// Messages that may wait to be shown.
@@ -31,8 +31,36 @@ const QUEUE: usize = 32;
 /// Time between two lines that say how things stand.
 const STATUS_PERIOD: Duration = Duration::from_secs(5);
 
-/// Time for a frame of the paper's planner, which gets two grids a second.
+/// Time for a frame of the paper's planner, which gets two grids a second at most.
 const GUIDED_DEADLINE_MS: &str = "400";
+
+/// How much a demo does at once.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+struct Pace {
+    generators: usize,
+    grids_per_s: u32,
+}
+
+impl Pace {
+    /// What a machine of so many processors can do beside training.
+    const fn on(cores: usize) -> Self {
+        if cores < CORES {
+            Self {
+                generators: 1,
+                grids_per_s: 5,
+            }
+        } else {
+            Self {
+                generators: 2,
+                grids_per_s: 10,
+            }
+        }
+    }
+
+    fn grid_period(self) -> Duration {
+        Duration::from_secs(1) / self.grids_per_s
+    }
+}
 
 /// Runs the command.
 pub(crate) fn run(
@@ -48,7 +76,13 @@ pub(crate) fn run(
     let namespace = format!("demo-{}", std::process::id());
     let launcher = Launcher::new(out, &namespace, config_file)?;
     let feed = feed::Feed::open(&options.log, config)?;
-    let nodes = nodes(options, &recording);
+    let cores = std::thread::available_parallelism().map_or(1, std::num::NonZero::get);
+    let pace = Pace::on(cores);
+    output::line(format_args!(
+        "{cores} processors: {} generator(s), {} grids a second",
+        pace.generators, pace.grids_per_s
+    ))?;
+    let nodes = nodes(options, pace, &recording);
     let network = NetworkOptions {
         namespace: Some(namespace),
         ..NetworkOptions::default()
@@ -59,7 +93,9 @@ pub(crate) fn run(
         for node in nodes {
             children.push(launcher.start(node.name, node.arguments, node.is_background)?);
         }
-        let ended = watch(&session, feed, &mut children, seconds).await;
+        let feeding = tokio::spawn(feed::run(session.clone(), feed, pace.grid_period()));
+        let ended = watch(&session, &mut children, seconds).await;
+        feeding.abort();
         // Senders stop before the recorder, so that it has everything.
         for child in children {
             child.stop().await?;
@@ -96,9 +132,9 @@ impl NodeStart {
 
 /// The nodes, in the order in which they are stopped: senders before the recorder, so that it has
 /// everything.
-fn nodes(options: &DemoOptions, recording: &Path) -> Vec<NodeStart> {
+fn nodes(options: &DemoOptions, pace: Pace, recording: &Path) -> Vec<NodeStart> {
     let mut nodes = Vec::new();
-    for index in 0..GENERATORS {
+    for index in 0..pace.generators {
         let id = format!("generator-{index}");
         let mut node = NodeStart::new(&id, &["generate", "--id", &id, "--workers", "1"]);
         for log in &options.log {
@@ -125,16 +161,10 @@ fn nodes(options: &DemoOptions, recording: &Path) -> Vec<NodeStart> {
     nodes
 }
 
-/// Feeds the planner and says how things stand until the time is over.
-async fn watch(
-    session: &Session,
-    feed: feed::Feed,
-    children: &mut [Child],
-    length: Duration,
-) -> anyhow::Result<()> {
+/// Says how things stand until the time is over.
+async fn watch(session: &Session, children: &mut [Child], length: Duration) -> anyhow::Result<()> {
     let mut plans = session.subscriber(&keys::plan("*"), QUEUE).await?;
     let mut statuses = session.subscriber(&keys::train_status("*"), QUEUE).await?;
-    let feeding = tokio::spawn(feed::run(session.clone(), feed));
     let end = Instant::now() + length;
     let mut shown = tokio::time::interval(STATUS_PERIOD);
     let mut newest: BTreeMap<String, PlanReport> = BTreeMap::new();
@@ -156,7 +186,6 @@ async fn watch(
             }
         }
     }
-    feeding.abort();
     Ok(())
 }
 

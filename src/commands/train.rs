@@ -19,8 +19,8 @@ use crate::config::Config;
 use crate::human::{self, decimal, percent};
 use crate::output::{self, Failure};
 use crate::progress::{self, Unit};
-use crate::{network, outputs};
 use crate::runtime::stop_flag;
+use crate::{network, outputs};
 
 mod node;
 

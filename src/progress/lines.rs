@@ -90,10 +90,7 @@ mod tests {
     fn nothing_done_has_no_time_left_and_no_total_no_end() {
         let bar = ProgressBar::hidden();
         bar.set_length(0);
-        assert_eq!(
-            line(&bar, Unit::Bytes, 0, Duration::ZERO),
-            "0 B, -"
-        );
+        assert_eq!(line(&bar, Unit::Bytes, 0, Duration::ZERO), "0 B, -");
         bar.set_length(10);
         assert_eq!(
             line(&bar, Unit::Count("plans"), 0, Duration::from_secs(30)),

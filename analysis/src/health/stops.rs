@@ -15,7 +15,7 @@ pub(crate) enum Stop {
     NoTargets,
     /// The vehicle stood on cells that are occupied.
     StartOccupied,
-    /// A search ended early, for lack of time or because it was cancelled, and no target was solved.
+    /// A search or the smoothing of paths ended early, for lack of time or because it was cancelled.
     NoTime,
     /// Every target was occupied, off the grid or proved unreachable.
     Blocked,
@@ -29,7 +29,7 @@ impl Stop {
         match self {
             Self::NoTargets => "no target was known (no reference path)",
             Self::StartOccupied => "the vehicle stood on occupied cells",
-            Self::NoTime => "the time ran out before a path was found",
+            Self::NoTime => "the time ran out before a path was ready",
             Self::Blocked => "every target was blocked",
             Self::NotDrivable => "no path could be driven",
         }
@@ -41,13 +41,16 @@ impl Stop {
 struct Fates {
     targets: u64,
     solved: u64,
+    /// Paths that were made as drivable as they can be, which is not enough.
+    smoothed: u64,
     start_occupied: u64,
     unfinished: u64,
 }
 
 impl Fates {
-    fn add(&mut self, outcome: &str) {
+    fn add(&mut self, outcome: &str, drivability: &str) {
         self.targets += 1;
+        self.smoothed += u64::from(!["", "chords"].contains(&drivability));
         match outcome {
             "solved" => self.solved += 1,
             "start_occupied" => self.start_occupied += 1,
@@ -59,8 +62,10 @@ impl Fates {
     const fn cause(self) -> Stop {
         if self.targets == 0 {
             Stop::NoTargets
-        } else if self.solved > 0 {
+        } else if self.smoothed > 0 {
             Stop::NotDrivable
+        } else if self.solved > 0 {
+            Stop::NoTime
         } else if self.start_occupied > 0 {
             Stop::StartOccupied
         } else if self.unfinished > 0 {
@@ -83,9 +88,11 @@ pub(super) fn stops(tables: &Tables) -> Result<BTreeMap<u64, Stop>, Error> {
         .map(|(plan, _)| (plan, Fates::default()))
         .collect();
     let plans = counts(&tables.targets, "plan", TABLE)?;
-    for (plan, outcome) in plans.iter().zip(names(&tables.targets, "outcome", TABLE)?) {
+    let outcomes = names(&tables.targets, "outcome", TABLE)?;
+    let drivabilities = names(&tables.targets, "drivability", TABLE)?;
+    for (row, plan) in plans.iter().enumerate() {
         if let Some(fates) = fates.get_mut(plan) {
-            fates.add(&outcome);
+            fates.add(&outcomes[row], &drivabilities[row]);
         }
     }
     Ok(fates
@@ -103,7 +110,7 @@ mod tests {
     fn cause_of(outcomes: &[Outcome]) -> Stop {
         let mut fates = Fates::default();
         for outcome in outcomes {
-            fates.add(outcome.name());
+            fates.add(outcome.name(), "");
         }
         fates.cause()
     }
@@ -122,6 +129,12 @@ mod tests {
             cause_of(&[Unreachable, GoalOccupied, OutOfBounds]),
             Stop::Blocked
         );
-        assert_eq!(cause_of(&[Unreachable, Solved]), Stop::NotDrivable);
+        // A path that was found but not smoothed was not looked at for lack of time.
+        assert_eq!(cause_of(&[Unreachable, Solved]), Stop::NoTime);
+        let mut fates = Fates::default();
+        fates.add("solved", "chords");
+        assert_eq!(fates.cause(), Stop::NoTime);
+        fates.add("solved", "too_tight");
+        assert_eq!(fates.cause(), Stop::NotDrivable);
     }
 }

@@ -10,7 +10,7 @@ use nix::sys::signal::{Signal, kill};
 use nix::unistd::Pid;
 
 /// Time that a node has to stop when it is asked to.
-const PATIENCE: Duration = Duration::from_secs(30);
+const PATIENCE: Duration = Duration::from_mins(2);
 
 /// Niceness of nodes in the background: they get about a tenth of a processor that others want.
 const BACKGROUND_NICENESS: i32 = 10;

@@ -31,7 +31,10 @@ pub(super) fn draw(recording: &Path, folder: &Path, config: &Config) -> anyhow::
     let mut reports: BTreeMap<u64, PlanReport> = BTreeMap::new();
     let mut scenes: BTreeMap<u64, Scene> = BTreeMap::new();
     let mut reference = Vec::new();
-    let (grids, plans) = (topic(keys::grid(VEHICLE).key()), topic(keys::plan(VEHICLE).key()));
+    let (grids, plans) = (
+        topic(keys::grid(VEHICLE).key()),
+        topic(keys::plan(VEHICLE).key()),
+    );
     let references = topic(keys::reference(VEHICLE).key());
     for message in read(recording)? {
         let message = message?;
@@ -43,7 +46,13 @@ pub(super) fn draw(recording: &Path, folder: &Path, config: &Config) -> anyhow::
             if wanted.contains(&stamp) {
                 let occupancy = Occupancy::from_message(&grid, &config.grid)?;
                 let reference = reference.clone();
-                scenes.insert(stamp, Scene { occupancy, reference });
+                scenes.insert(
+                    stamp,
+                    Scene {
+                        occupancy,
+                        reference,
+                    },
+                );
             }
         } else if *message.topic == *plans {
             let report: PlanReport = message.decode()?;
@@ -75,8 +84,9 @@ fn topic(key: &str) -> String {
 /// The vehicle's messages in a recording.
 fn read(
     recording: &Path,
-) -> anyhow::Result<impl Iterator<Item = Result<swath_bridge::recording::RawMessage, swath_bridge::Error>>>
-{
+) -> anyhow::Result<
+    impl Iterator<Item = Result<swath_bridge::recording::RawMessage, swath_bridge::Error>>,
+> {
     let of_vehicle = [
         topic(keys::grid(VEHICLE).key()),
         topic(keys::reference(VEHICLE).key()),

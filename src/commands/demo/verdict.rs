@@ -20,11 +20,15 @@ pub(super) fn lines(summary: &Summary) -> Vec<String> {
         faults.push("no frame was planned".to_owned());
     }
     if faults.is_empty() {
-        return vec!["the machine kept up: grids were planned in time, no samples were lost".to_owned()];
+        return vec![
+            "the machine kept up: grids were planned in time, no samples were lost".to_owned(),
+        ];
     }
     let mut lines = vec!["the machine was too slow for all of this at once:".to_owned()];
     lines.extend(faults.into_iter().map(|fault| format!("  {fault}")));
-    lines.push("what helps: a longer run (--seconds), no other programs beside it, more cores,".to_owned());
+    lines.push(
+        "what helps: a longer run (--seconds), no other programs beside it, more cores,".to_owned(),
+    );
     lines.push("or fewer nodes at a time (swath plan, swath generate, swath train)".to_owned());
     lines
 }
@@ -107,7 +111,10 @@ mod tests {
             ..Summary::default()
         };
         let lines = lines(&summary);
-        assert!(lines.iter().all(|line| line.chars().count() <= 100), "{lines:?}");
+        assert!(
+            lines.iter().all(|line| line.chars().count() <= 100),
+            "{lines:?}"
+        );
         lines.join("\n")
     }
 
@@ -120,7 +127,12 @@ mod tests {
     #[test]
     fn what_was_too_slow_is_named_with_its_figures() {
         let words = said(vec![planner(700, 300, 400)], vec![trainer(200, 500)]);
-        for fact in ["300 of 1000 grids", "400 of 700 plans", "500 of 1500 samples", "1.5 steps"] {
+        for fact in [
+            "300 of 1000 grids",
+            "400 of 700 plans",
+            "500 of 1500 samples",
+            "1.5 steps",
+        ] {
             assert!(words.contains(fact), "{fact} is not in {words}");
         }
         let words = said(vec![planner(0, 0, 0)], vec![]);
