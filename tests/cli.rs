@@ -201,7 +201,7 @@ fn values_out_of_range_are_wrong_usage_and_their_range_is_said() {
         ("generate --id a/b", name),
         ("generate --id a*", name),
         ("generate --id $a", name),
-        ("generate --seed -1", "--seed"),
+        ("generate --seed -1", "-1"),
         ("--namespace a//b generate", name),
         ("bench --out b --scenes 0", "1 or more"),
         ("bench --out b --targets 0", "1 to 256"),
