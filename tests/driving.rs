@@ -40,7 +40,7 @@ const AGAIN: Duration = Duration::from_secs(10);
 /// Deadline of a frame in a soak, milliseconds.
 const DEADLINE_MS: &str = "100";
 /// Frames that are planned one after the other.
-const DRIVE: usize = 60;
+const DRIVE: usize = 30;
 /// Frames that are kept until their plan comes.
 const FRAMES: usize = 64;
 /// Share of the grids that are planned on in a soak.

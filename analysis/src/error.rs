@@ -36,7 +36,7 @@ pub enum Error {
         /// Path of the file or directory.
         path: PathBuf,
         /// The system's word.
-        source: std::io::Error,
+        r#source: std::io::Error,
     },
     /// A table could not be computed or written.
     #[error("table {table}: {source}")]
@@ -44,7 +44,7 @@ pub enum Error {
         /// Name of the table.
         table: &'static str,
         /// What polars says.
-        source: polars::error::PolarsError,
+        r#source: polars::error::PolarsError,
     },
     /// A plot could not be drawn.
     #[error("plot {plot}: {what}")]

@@ -32,7 +32,7 @@ pub enum Error {
         /// Type that was expected.
         type_name: &'static str,
         /// What is wrong, and where.
-        source: CdrError,
+        r#source: CdrError,
     },
     /// A value of a configuration is out of range.
     #[error("{field} is {value}, expected {least} to {most}")]
@@ -78,7 +78,7 @@ pub enum Error {
         /// Its type.
         type_name: &'static str,
         /// What is wrong with it.
-        source: CdrError,
+        r#source: CdrError,
     },
     /// The network, or zenoh, did not do what it was asked to.
     #[error("{what}: {source}")]
@@ -86,7 +86,7 @@ pub enum Error {
         /// What was being done.
         what: String,
         /// Zenoh's word.
-        source: Box<dyn std::error::Error + Send + Sync>,
+        r#source: Box<dyn std::error::Error + Send + Sync>,
     },
     /// Every port at which the sessions of a machine meet is taken.
     #[error(
@@ -150,7 +150,7 @@ pub enum Error {
         /// Path as it was given.
         path: PathBuf,
         /// The system's word.
-        source: std::io::Error,
+        r#source: std::io::Error,
     },
     /// A file is not what it should be.
     #[error("{}: {what}", path.display())]

@@ -16,7 +16,7 @@ pub enum Error {
     #[error("no thread to generate on: {source}")]
     Thread {
         /// The system's word.
-        source: std::io::Error,
+        r#source: std::io::Error,
     },
     /// Fewer samples came than were asked for.
     #[error("{got} of {wanted} samples were made before a worker died")]

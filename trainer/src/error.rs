@@ -62,7 +62,7 @@ pub enum Error {
         /// Path as it was given.
         path: PathBuf,
         /// The system's word.
-        source: std::io::Error,
+        r#source: std::io::Error,
     },
     /// A thread that trained was lost.
     #[error("the thread that trains was lost: {what}")]
