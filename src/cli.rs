@@ -4,6 +4,7 @@ mod bench;
 mod bridge;
 mod demo;
 mod generate;
+mod log;
 mod plan;
 mod train;
 mod values;
@@ -16,6 +17,7 @@ pub(crate) use bench::{BenchOptions, ReportOptions};
 pub(crate) use bridge::{BridgeCommand, BridgeOptions, GridsOptions, ReplayOptions};
 pub(crate) use demo::DemoOptions;
 pub(crate) use generate::GenerateOptions;
+pub(crate) use log::LogOptions;
 pub(crate) use plan::PlanOptions;
 pub(crate) use train::{
     AsideOptions, EvaluateOptions, ExportOptions, Preset, Size, SplitBy, TrainOptions,

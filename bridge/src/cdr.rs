@@ -80,12 +80,21 @@ pub fn to_vec<T: Serialize>(message: &T) -> Result<Vec<u8>, CdrError> {
 
 /// Decodes a message from a whole payload.
 ///
-/// Up to three zero bytes behind the message are taken for padding, which some writers add.
+/// Up to 15 zero bytes behind the message are taken for padding: some writers fill each message up to a
+/// multiple of 4, 8 or 16 bytes.
 ///
 /// # Errors
 /// [`CdrError`] says what was expected at which offset.
 pub fn from_slice<T: DeserializeOwned>(payload: &[u8]) -> Result<T, CdrError> {
     de::from_slice(payload)
+}
+
+/// Decodes what a payload begins with, for example the header of a message whose rest is not needed.
+///
+/// # Errors
+/// As [`from_slice`], but for what is behind.
+pub(crate) fn beginning_of<T: DeserializeOwned>(payload: &[u8]) -> Result<T, CdrError> {
+    de::beginning_of(payload)
 }
 
 #[cfg(test)]

@@ -5,6 +5,9 @@ use std::path::PathBuf;
 use crate::cdr::CdrError;
 
 /// Errors of this crate, each with the evidence.
+///
+/// The text of an error holds that of its cause, so causes are no sources: whoever prints the chain of
+/// sources would say them twice. Hence the raw names of those fields.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum Error {
@@ -61,6 +64,24 @@ pub enum Error {
         wanted: String,
         /// Topics of the file with their types and numbers of messages.
         found: String,
+    },
+    /// Nobody says where a sensor is on the vehicle.
+    #[error(
+        "{}: no transform from {sensor_frame:?} ({topic}) to {vehicle_frame:?}, known are {known}: say \
+         where the sensor is with --mount {topic}=x,y,z,roll,pitch,yaw (metres, radians)",
+        path.display()
+    )]
+    MissingTransform {
+        /// Path as it was given.
+        path: PathBuf,
+        /// Topic of the sensor.
+        topic: String,
+        /// Frame of the sensor.
+        sensor_frame: String,
+        /// Frame of the vehicle.
+        vehicle_frame: String,
+        /// The frames that have transforms.
+        known: String,
     },
     /// A message decodes, but what it says cannot be.
     #[error("not a usable {type_name}: {what}")]
@@ -143,6 +164,24 @@ pub enum Error {
         offset: u64,
         /// What was found there, and what was expected.
         what: String,
+    },
+    /// A file that was to be written is there already.
+    #[error("{} exists already: {what}", path.display())]
+    Exists {
+        /// Path as it was given.
+        path: PathBuf,
+        /// What is known of it, and what to do.
+        what: String,
+    },
+    /// A choice of topics that a recording has none of.
+    #[error("{}: no topic matches {pattern:?}; the recording has {found}", path.display())]
+    NoTopicMatches {
+        /// Path as it was given.
+        path: PathBuf,
+        /// The pattern.
+        pattern: String,
+        /// The topics that there are.
+        found: String,
     },
     /// A file could not be opened, read or written.
     #[error("{}: {source}", path.display())]

@@ -4,7 +4,9 @@
 
 use std::path::{Path, PathBuf};
 
-use swath_bridge::ingest::{IngestConfig, MAX_PICTURES, SensorKind, frames, write_grids};
+use swath_bridge::ingest::{
+    GridsOut, IngestConfig, MAX_PICTURES, Mount, SensorKind, frames, write_grids,
+};
 use swath_bridge::msg::geometry::{
     Point, Pose, PoseWithCovariance, Quaternion, Transform, TransformStamped, Twist,
     TwistWithCovariance, Vector3,
@@ -13,7 +15,7 @@ use swath_bridge::msg::header::Header;
 use swath_bridge::msg::nav::{OccupancyGrid, Odometry};
 use swath_bridge::msg::sensor::{LaserScan, PointCloud2, PointField};
 use swath_bridge::msg::tf2::TFMessage;
-use swath_bridge::recording::{Reader, Stamps, Writer};
+use swath_bridge::recording::{Existing, Reader, Stamps, Writer};
 use swath_bridge::{Error, FREE, Frame, GridSpec, OCCUPIED, Occupancy};
 
 const START_NANOS: u64 = 1_700_000_000_000_000_000;
@@ -41,7 +43,7 @@ const PLAIN: Log = Log {
 
 impl Log {
     fn write(&self, path: &Path, kind: SensorKind) {
-        let mut writer = Writer::create(path).unwrap();
+        let mut writer = Writer::create_with(path, Existing::Replace).unwrap();
         let stamps = |nanos: u64| (nanos, nanos);
         if self.has_mounting {
             let (log, publish) = stamps(START_NANOS);
@@ -263,7 +265,7 @@ fn both_kinds_of_lidar_give_a_frame_a_sweep_with_the_wall_in_its_place() {
 }
 
 #[test]
-fn without_a_mounting_there_is_a_loud_warning_and_still_a_grid() {
+fn without_a_transform_a_log_is_refused_unless_a_mounting_is_given() {
     let directory = tempfile::tempdir().unwrap();
     let path = directory.path().join("log.mcap");
     Log {
@@ -271,14 +273,46 @@ fn without_a_mounting_there_is_a_loud_warning_and_still_a_grid() {
         ..PLAIN
     }
     .write(&path, SensorKind::Scan);
-    let mut frames = frames(&path, &IngestConfig::default()).unwrap();
-    let first = frames.next().unwrap().unwrap();
-    // The scanner is 1 m ahead of where it is taken to be.
-    assert!(has_wall(&first, 29.0));
-    assert!(frames.by_ref().all(|frame| frame.is_ok()));
-    let warnings = &frames.report().warnings;
-    assert_eq!(warnings.len(), 1, "{warnings:?}");
-    assert!(warnings[0].contains("NO TRANSFORM") && warnings[0].contains("rear_axle"));
+    let error = frames(&path, &IngestConfig::default())
+        .unwrap_err()
+        .to_string();
+    for part in ["log.mcap", "\"lidar\"", "\"rear_axle\"", "--mount /scan="] {
+        assert!(error.contains(part), "{error}");
+    }
+    let mounted = |text: &str| IngestConfig {
+        mount: vec![text.parse().unwrap()],
+        ..IngestConfig::default()
+    };
+    for mount in ["1,0,1.5,3.14159265,0,0", "scan=1,0,1.5,3.14159265,0,0"] {
+        let frames = all_frames(&path, &mounted(mount));
+        assert_eq!(frames.len(), 20);
+        assert!(has_wall(&frames[0], 30.0));
+    }
+    // The scanner is said to be 1 m behind of where it is.
+    assert!(has_wall(
+        &all_frames(&path, &mounted("0,0,1.5,3.14159265,0,0"))[0],
+        29.0
+    ));
+    let error = frames(&path, &mounted("/rear=0,0,0,0,0,0"))
+        .unwrap_err()
+        .to_string();
+    assert!(
+        error.contains("/rear") && error.contains("/scan"),
+        "{error}"
+    );
+    let far = IngestConfig {
+        mount: vec![Mount {
+            x_m: 1e6,
+            ..Mount::default()
+        }],
+        ..IngestConfig::default()
+    };
+    assert!(
+        frames(&path, &far)
+            .unwrap_err()
+            .to_string()
+            .contains("100 m")
+    );
 }
 
 #[test]
@@ -302,13 +336,13 @@ fn a_log_that_lacks_something_says_what_it_has() {
     }
     PLAIN.write(&path, SensorKind::Scan);
     let points = IngestConfig {
-        points_topic: Some("/velodyne".into()),
+        points_topics: vec!["/velodyne".into()],
         ..IngestConfig::default()
     };
     let error = frames(&path, &points).unwrap_err().to_string();
     assert!(error.contains("PointCloud2 on \"/velodyne\""), "{error}");
     let named = IngestConfig {
-        scan_topic: Some("scan".into()),
+        scan_topics: vec!["scan".into()],
         odom_topic: Some("/odom".into()),
         ..IngestConfig::default()
     };
@@ -340,6 +374,9 @@ fn bad_messages_are_counted_and_passed_over() {
     let directory = tempfile::tempdir().unwrap();
     let path = directory.path().join("log.mcap");
     let mut writer = Writer::create(&path).unwrap();
+    writer
+        .write_as("/tf_static", &mounting(), START_NANOS, START_NANOS)
+        .unwrap();
     for step in 0..10u32 {
         let nanos = START_NANOS + u64::from(step) * STEP_NANOS;
         writer
@@ -403,11 +440,7 @@ fn a_log_with_no_usable_sweep_is_an_error() {
         .write_as("/scan", &scan(late_nanos, 9.0), late_nanos, late_nanos)
         .unwrap();
     writer.finish().unwrap();
-    let error = frames(&path, &IngestConfig::default())
-        .unwrap()
-        .next()
-        .unwrap()
-        .unwrap_err();
+    let error = frames(&path, &IngestConfig::default()).unwrap_err();
     assert!(
         error
             .to_string()
@@ -445,7 +478,12 @@ fn grids_are_written_as_the_messages_of_a_vehicle_and_as_pictures() {
         ..IngestConfig::default()
     };
     let mut calls = 0;
-    let report = write_grids(&log, &out, Some(&pictures), &config, &mut |_| calls += 1).unwrap();
+    let to = GridsOut {
+        recording: &out,
+        existing: Existing::Refuse,
+        pictures: Some(&pictures),
+    };
+    let report = write_grids(&log, &to, &config, &mut |_| calls += 1).unwrap();
     assert_eq!((report.sweeps, report.frames, calls), (20, 5, 5));
     assert_eq!(std::fs::read_dir(&pictures).unwrap().count(), 5);
     let direct = all_frames(&log, &config);

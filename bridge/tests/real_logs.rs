@@ -9,7 +9,7 @@ use std::path::PathBuf;
 use swath_bridge::msg::nav::Odometry;
 use swath_bridge::msg::sensor::{LaserScan, PointCloud2};
 use swath_bridge::msg::tf2::TFMessage;
-use swath_bridge::recording::{Reader, info, recover};
+use swath_bridge::recording::{Existing, Reader, info, recover};
 
 fn logs() -> Option<PathBuf> {
     let data = std::env::var_os("SWATH_DATA").map_or_else(
@@ -59,7 +59,7 @@ fn a_log_of_others_is_described_and_recovered_whole() {
     let log = logs.join("radish_intel.mcap");
     let dir = tempfile::TempDir::new().unwrap();
     let copy = dir.path().join("copy.mcap");
-    let report = recover(&log, &copy, &mut |_, _| {}).unwrap();
+    let report = recover(&log, &copy, Existing::Refuse, &mut |_, _| {}).unwrap();
     assert!(report.damage.is_empty(), "{report:?}");
     let [original, copied] = [&log, &copy].map(|path| info(path, &mut |_, _| {}).unwrap());
     assert_eq!(original.topics, copied.topics);

@@ -9,7 +9,7 @@ use swath_bridge::msg::geometry::PoseArray;
 use swath_bridge::msg::header::Header;
 use swath_bridge::msg::nav::Path;
 use swath_bridge::recording::{
-    RawMessage, Reader, RecordOptions, Recorder, ReplayOptions, Stamps, Writer, replay,
+    Existing, RawMessage, Reader, RecordOptions, Recorder, ReplayOptions, Stamps, Writer, replay,
 };
 use swath_bridge::{Session, SessionConfig};
 use tempfile::TempDir;
@@ -66,6 +66,7 @@ async fn a_recorder_writes_every_topic_with_type_and_times() {
     reference.put(&path(7)).await.unwrap();
     let options = RecordOptions {
         path: file.clone(),
+        existing: Existing::Refuse,
         keys: Vec::new(),
     };
     let recorder = Recorder::start(&b, &options).await.unwrap();
@@ -101,6 +102,7 @@ async fn a_recorder_that_was_never_finished_leaves_what_was_flushed() {
     let (a, b) = pair().await;
     let options = RecordOptions {
         path: file.clone(),
+        existing: Existing::Refuse,
         keys: vec!["swath/vehicle/v/".to_owned()],
     };
     let recorder = Recorder::start(&b, &options).await.unwrap();
@@ -232,4 +234,131 @@ async fn an_endless_replay_begins_again() {
         }
     })
     .await;
+}
+
+/// Plays a recording as fast as it goes and gives the numbers of the paths in the order in which they came.
+async fn played(file: &std::path::Path, options: &ReplayOptions) -> (Vec<u64>, u64) {
+    let (a, b) = pair().await;
+    let mut subscriber = b.subscriber(&keys::path("v"), 256).await.unwrap();
+    let publisher = a.publisher(&keys::path("v")).await.unwrap();
+    soon(publisher.wait_for_subscribers()).await.unwrap();
+    let options = ReplayOptions {
+        path: file.to_owned(),
+        ..options.clone()
+    };
+    let report = soon(replay(&a, &options, &mut |_, _| {})).await.unwrap();
+    let mut numbers = Vec::new();
+    // Only paths are counted here, which is all that the test's recordings have on this topic.
+    while u64::try_from(numbers.len()).unwrap() < report.messages {
+        let received = soon(subscriber.recv()).await.unwrap();
+        numbers.push(received.message.header.stamp.nanos());
+    }
+    (numbers, report.messages)
+}
+
+fn write_paths(file: &std::path::Path, times: &[(u64, u64)]) {
+    let mut writer = Writer::create(file).unwrap();
+    for (number, log_nanos) in times {
+        writer
+            .write(&keys::path("v"), &path(*number), *log_nanos, *log_nanos)
+            .unwrap();
+    }
+    writer.finish().unwrap();
+}
+
+const BEGIN: u64 = 1_000_000_000_000_000_000;
+const MS: u64 = 1_000_000;
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_recording_is_played_in_the_order_of_its_log_times() {
+    let dir = TempDir::new().unwrap();
+    let file = dir.path().join("merged.mcap");
+    // Every third message first, then those behind them, as a merged file has them.
+    let order = (0..3).flat_map(|first| (first..30).step_by(3));
+    let times: Vec<(u64, u64)> = order
+        .map(|number| (number, BEGIN + number * 2 * MS))
+        .collect();
+    write_paths(&file, &times);
+    let all = ReplayOptions {
+        rate: 4.0,
+        ..ReplayOptions::all_of(&file)
+    };
+    let (numbers, count) = played(&file, &all).await;
+    assert_eq!((numbers, count), ((0..30).collect(), 30));
+    // Both ends count from the earliest message, wherever that is in the file.
+    let part = ReplayOptions {
+        start_s: 0.01,
+        end_s: 0.02,
+        ..all
+    };
+    let (numbers, _) = played(&file, &part).await;
+    assert_eq!(numbers, (5..=10).collect::<Vec<u64>>());
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn messages_without_a_time_are_played_at_once() {
+    let dir = TempDir::new().unwrap();
+    let file = dir.path().join("early.mcap");
+    // Before /clock came: log time 0, and a few seconds of a machine that had no date yet.
+    write_paths(
+        &file,
+        &[
+            (1, 0),
+            (2, 0),
+            (3, 5_000 * MS),
+            (4, BEGIN),
+            (5, BEGIN + 20 * MS),
+        ],
+    );
+    let all = ReplayOptions::all_of(&file);
+    let (numbers, _) = played(&file, &all).await;
+    assert_eq!(numbers, [1, 2, 3, 4, 5]);
+    let info = swath_bridge::recording::info(&file, &mut |_, _| ()).unwrap();
+    assert_eq!((info.messages, info.untimed), (5, 3));
+    assert!((info.duration_s - 0.02).abs() < 1e-9);
+    assert!(
+        info.to_string()
+            .contains("3 of the messages have no log time"),
+        "{info}"
+    );
+    // The end counts from the first that has a time, also if it is not in front.
+    let file = dir.path().join("none.mcap");
+    write_paths(&file, &[(4, BEGIN), (5, BEGIN + 20 * MS), (1, 0)]);
+    let early = ReplayOptions { end_s: 0.01, ..all };
+    let (numbers, _) = played(&file, &early).await;
+    assert_eq!(numbers, [1, 4]);
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn patterns_and_values_that_cannot_be_meant_are_refused() {
+    let dir = TempDir::new().unwrap();
+    let (a, _b) = pair().await;
+    let file = recording(&dir);
+    let all = ReplayOptions::all_of(&file);
+    let with = |change: &dyn Fn(&mut ReplayOptions)| {
+        let mut options = all.clone();
+        change(&mut options);
+        options
+    };
+    for (options, said) in [
+        (
+            with(&|o| o.topics = vec!["*/path".into(), "*/grid".into()]),
+            "\"*/grid\"",
+        ),
+        (
+            with(&|o| o.topics = vec!["*/grid".into()]),
+            "/swath/vehicle/v/targets",
+        ),
+        (with(&|o| o.rate = f64::NAN), "rate"),
+        (with(&|o| o.rate = -1.0), "rate"),
+        (with(&|o| o.start_s = -1.0), "start"),
+        (with(&|o| (o.start_s, o.end_s) = (2.0, 1.0)), "end"),
+    ] {
+        let error = soon(replay(&a, &options, &mut |_, _| {}))
+            .await
+            .unwrap_err();
+        assert!(error.to_string().contains(said), "{error}");
+    }
+    let (numbers, _) = played(&file, &with(&|o| o.topics = vec!["*/path".into()])).await;
+    assert_eq!(numbers, (0..=10).collect::<Vec<u64>>());
 }

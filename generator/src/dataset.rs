@@ -1,6 +1,5 @@
 //! A data set: a recording of samples, the same bytes for the same seed.
 
-use std::path::Path;
 use std::sync::Arc;
 
 use swath_bridge::msg::swath::Sample;
@@ -44,7 +43,7 @@ impl Written {
 pub fn write_dataset(
     generator: &Arc<Generator>,
     run: Run,
-    out: &Path,
+    mut writer: Writer,
     progress: &mut dyn FnMut(u64, u64),
 ) -> Result<Written, Error> {
     let count = run.count.unwrap_or(0);
@@ -52,7 +51,6 @@ pub fn write_dataset(
         count: Some(count),
         ..run
     };
-    let mut writer = Writer::create(out)?;
     let topic = keys::sample(&format!("seed-{}", run.seed));
     let mut written = Written::default();
     for sample in SampleStream::start(generator, run, 0)? {

@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use clap::Args;
 use swath_planner::{MAX_TARGETS, Method};
 
+use super::LogOptions;
 use super::plan::parse_method;
 use super::values;
 
@@ -28,8 +29,8 @@ pub(crate) struct BenchOptions {
     /// Seed of the scenes
     #[arg(long, default_value_t = 1000)]
     pub(crate) seed: u64,
-    /// Drive log to take frames from instead; may be given again
-    #[arg(long, value_name = "FILE")]
+    /// Drive log to take frames from instead (.mcap, .mcap.zstd or a rosbag2 folder); may be given again
+    #[arg(long, value_name = "LOG")]
     pub(crate) log: Vec<PathBuf>,
     /// Numbers of targets, each from 1 to 256
     #[arg(
@@ -61,6 +62,11 @@ pub(crate) struct BenchOptions {
     /// Recording to write
     #[arg(long, value_name = "FILE")]
     pub(crate) out: PathBuf,
+    /// Replace the recording if it is there
+    #[arg(long)]
+    pub(crate) force: bool,
+    #[command(flatten)]
+    pub(crate) ingest: LogOptions,
 }
 
 /// Turn recordings into tables, plots and a report.

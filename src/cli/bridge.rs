@@ -4,6 +4,8 @@ use std::path::PathBuf;
 
 use clap::{Args, Subcommand};
 
+use super::LogOptions;
+
 /// Recordings and logs.
 #[derive(Debug, Args)]
 pub(crate) struct BridgeOptions {
@@ -23,17 +25,21 @@ pub(crate) enum BridgeCommand {
         /// Stop after so many seconds
         #[arg(long, value_name = "S")]
         seconds: Option<u64>,
+        /// Replace the recording if it is there
+        #[arg(long)]
+        force: bool,
     },
-    /// Publish a recording again, with its spacing
+    /// Publish a recording again, with its spacing, in the order of its log times
     #[command(after_help = "Example:\n  swath bridge replay run.mcap --rate 2 --topic '*/grid'")]
     Replay(ReplayOptions),
     /// Turn a drive log into obstacle grids
     #[command(after_help = "Example:
-  swath bridge grids drive.mcap --out grids.mcap --pictures pictures")]
+  swath bridge grids drive.mcap --out grids.mcap --pictures pictures
+  swath bridge grids rosbag2-folder --out grids.mcap --mount /scan=1,0,0.3,0,0,0")]
     Grids(GridsOptions),
     /// Say what a recording holds
     Info {
-        /// Recording
+        /// Recording (.mcap or .mcap.zstd) or rosbag2 folder
         file: PathBuf,
         /// Print JSON
         #[arg(long)]
@@ -46,50 +52,62 @@ pub(crate) enum BridgeCommand {
         /// Recording to write
         #[arg(long, value_name = "FILE")]
         out: PathBuf,
+        /// Replace the recording to write if it is there
+        #[arg(long)]
+        force: bool,
     },
 }
 
 #[derive(Debug, Args)]
 pub(crate) struct ReplayOptions {
-    /// Recording
+    /// Recording (.mcap or .mcap.zstd) or rosbag2 folder
     pub(crate) file: PathBuf,
-    /// Speed, 1 is as recorded
-    #[arg(long, default_value_t = 1.0)]
+    /// Speed: 1 is as recorded, inf is as fast as it goes
+    #[arg(long, default_value_t = 1.0, value_parser = parse_rate, allow_hyphen_values = true)]
     pub(crate) rate: f64,
     /// Start over at the end
     #[arg(long = "loop")]
     pub(crate) repeat: bool,
-    /// Start so many seconds into the recording
-    #[arg(long, value_name = "S")]
+    /// Start so many seconds behind the earliest message
+    #[arg(long, value_name = "S", value_parser = parse_seconds, allow_hyphen_values = true)]
     pub(crate) start: Option<f64>,
-    /// End so many seconds into the recording
-    #[arg(long, value_name = "S")]
+    /// End so many seconds behind the earliest message
+    #[arg(long, value_name = "S", value_parser = parse_seconds, allow_hyphen_values = true)]
     pub(crate) end: Option<f64>,
-    /// Only these topics (* stands for anything); may be given again
+    /// Only these topics; may be given again. A * stands for anything, slashes included; the slash in
+    /// front may be left out
     #[arg(long, value_name = "PATTERN")]
     pub(crate) topic: Vec<String>,
 }
 
+fn parse_rate(text: &str) -> Result<f64, String> {
+    let rate = text.parse::<f64>().ok().filter(|rate| *rate > 0.0);
+    rate.ok_or_else(|| "expected a number of more than 0".to_owned())
+}
+
+fn parse_seconds(text: &str) -> Result<f64, String> {
+    let seconds = text.parse::<f64>().ok();
+    let seconds = seconds.filter(|seconds| seconds.is_finite() && *seconds >= 0.0);
+    seconds.ok_or_else(|| "expected 0 or more seconds".to_owned())
+}
+
 #[derive(Debug, Args)]
 pub(crate) struct GridsOptions {
-    /// Drive log: rosbag2-profile MCAP with PointCloud2 or LaserScan, Odometry and transforms
+    /// Drive log with PointCloud2 or LaserScan, Odometry and transforms: an MCAP file, plain or as
+    /// .mcap.zstd, or a rosbag2 folder
     pub(crate) log: PathBuf,
     /// Recording to write
     #[arg(long, value_name = "FILE")]
     pub(crate) out: PathBuf,
+    /// Replace the recording if it is there
+    #[arg(long)]
+    pub(crate) force: bool,
     /// Directory for pictures of the grids
     #[arg(long, value_name = "DIR")]
     pub(crate) pictures: Option<PathBuf>,
-    /// Topic of the point clouds [default: the only one]
-    #[arg(long, value_name = "TOPIC")]
-    pub(crate) points: Option<String>,
-    /// Topic of the laser scans [default: the only one]
-    #[arg(long, value_name = "TOPIC")]
-    pub(crate) scan: Option<String>,
-    /// Topic of the odometry [default: the only one]
-    #[arg(long, value_name = "TOPIC")]
-    pub(crate) odom: Option<String>,
     /// Name of the vehicle in the keys
     #[arg(long, default_value = "v0", value_name = "NAME")]
     pub(crate) vehicle: String,
+    #[command(flatten)]
+    pub(crate) ingest: LogOptions,
 }

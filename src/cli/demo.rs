@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use clap::Args;
 
-use super::values;
+use super::{LogOptions, values};
 
 /// Run everything at once: generators, a trainer, two planners on live grids, a recorder.
 ///
@@ -18,10 +18,15 @@ pub(crate) struct DemoOptions {
     /// How long to run, 5 to 86400 seconds
     #[arg(long, default_value_t = 120, value_parser = values::whole(5u64, 86_400))]
     pub(crate) seconds: u64,
-    /// Drive log (rosbag2-profile MCAP) for scenes and live grids; may be given again
-    #[arg(long, value_name = "FILE")]
+    /// Drive log for scenes and live grids (.mcap, .mcap.zstd or a rosbag2 folder); may be given again
+    #[arg(long, value_name = "LOG")]
     pub(crate) log: Vec<PathBuf>,
     /// Directory for recording, weights and report
     #[arg(long, default_value = "runs/demo", value_name = "DIR")]
     pub(crate) out: PathBuf,
+    /// Replace the recording of an earlier demo if it is there
+    #[arg(long)]
+    pub(crate) force: bool,
+    #[command(flatten)]
+    pub(crate) ingest: LogOptions,
 }

@@ -7,6 +7,8 @@ use swath_generator::MAX_WORKERS;
 
 use super::values;
 
+use super::LogOptions;
+
 /// Make labelled samples: into a file, or as a node that publishes them.
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:
@@ -20,12 +22,15 @@ pub(crate) struct GenerateOptions {
     /// Seed; the same seed gives the same bytes
     #[arg(long, default_value_t = 1)]
     pub(crate) seed: u64,
-    /// Drive log to take scenes from; may be given again
-    #[arg(long, value_name = "FILE")]
+    /// Drive log to take scenes from (.mcap, .mcap.zstd or a rosbag2 folder); may be given again
+    #[arg(long, value_name = "LOG")]
     pub(crate) log: Vec<PathBuf>,
     /// Recording to write; without it this is a node
     #[arg(long, value_name = "FILE")]
     pub(crate) out: Option<PathBuf>,
+    /// Replace the recording if it is there
+    #[arg(long, requires = "out")]
+    pub(crate) force: bool,
     /// Name of the generator; generators with different names make different samples
     #[arg(long, default_value = "generator-0", value_name = "NAME", value_parser = values::name)]
     pub(crate) id: String,
@@ -41,4 +46,6 @@ pub(crate) struct GenerateOptions {
     /// Print a JSON summary
     #[arg(long)]
     pub(crate) json: bool,
+    #[command(flatten)]
+    pub(crate) ingest: LogOptions,
 }

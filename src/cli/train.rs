@@ -219,6 +219,9 @@ pub(crate) struct EvaluateOptions {
     /// Recording to write the counts to, for `swath report`
     #[arg(long, value_name = "FILE")]
     pub(crate) out: Option<PathBuf>,
+    /// Replace the recording if it is there
+    #[arg(long, requires = "out")]
+    pub(crate) force: bool,
     /// Print JSON
     #[arg(long)]
     pub(crate) json: bool,

@@ -5,7 +5,7 @@ mod checked;
 use std::sync::Arc;
 
 use swath_bridge::msg::header::Header;
-use swath_bridge::recording::Writer;
+use swath_bridge::recording::{Existing, Writer, check_out};
 use swath_bridge::{Frame, Outcome, Vehicle, keys};
 use swath_generator::Generator;
 use swath_planner::network::Network;
@@ -30,6 +30,8 @@ const VEHICLE: &str = "bench";
 pub(crate) fn run(options: &BenchOptions, config: &Config) -> Result<(), Failure> {
     outputs::test_apart(&options.out, options.log.iter().chain(&options.weights))?;
     outputs::test_file(&options.out)?;
+    let existing = Existing::of_force(options.force);
+    check_out(&options.out, existing)?;
     let network = network::load(options.weights.as_deref())?;
     let is_of_use = options.weights.is_some() || network::misfit(network.info(), config).is_none();
     let network = is_of_use.then_some(network);
@@ -40,7 +42,7 @@ pub(crate) fn run(options: &BenchOptions, config: &Config) -> Result<(), Failure
         named => named,
     };
     let entrants = entrants_of(&methods, deadlines_ms);
-    let scenes = scenes_of(&options.log, config)?;
+    let scenes = scenes_of(&options.log, &options.ingest.apply(config.ingest()))?;
     let bench = Bench {
         generator: Generator::new(config.generator(), scenes)?,
         planner: FramePlanner::new(Arc::new(MotionModel::new(
@@ -59,7 +61,7 @@ pub(crate) fn run(options: &BenchOptions, config: &Config) -> Result<(), Failure
     };
     let mut checked = options.check.then(Checked::default);
     let bar = progress::bar_of(options.scenes, "bench", Unit::Count("scenes"));
-    let mut writer = Writer::create(&options.out)?;
+    let mut writer = Writer::create_with(&options.out, existing)?;
     let (mut frames, mut solved) = (0u64, 0usize);
     for scene_index in 0..options.scenes {
         let (kind, frame) = bench.generator.frame(options.seed, scene_index);

@@ -4,12 +4,14 @@ use std::path::Path;
 use std::time::Duration;
 
 use anyhow::Context;
+use clap::CommandFactory;
+use clap::error::ErrorKind;
 use indicatif::ProgressBar;
 use swath_bridge::WeightsStore;
-use swath_bridge::ingest::{Progress, write_grids};
-use swath_bridge::recording::{self, RecordOptions, Recorder};
+use swath_bridge::ingest::{GridsOut, IngestReport, Progress, write_grids};
+use swath_bridge::recording::{self, Existing, RecordOptions, Recorder, check_out};
 
-use crate::cli::{BridgeCommand, GridsOptions, NetworkOptions, ReplayOptions};
+use crate::cli::{BridgeCommand, Cli, GridsOptions, NetworkOptions, ReplayOptions};
 use crate::config::Config;
 use crate::output::{self, Failure};
 use crate::progress;
@@ -25,18 +27,32 @@ pub(crate) fn run(
     config: &Config,
 ) -> Result<(), Failure> {
     match command {
-        BridgeCommand::Record { out, seconds } => record(out, *seconds, network),
+        BridgeCommand::Record {
+            out,
+            seconds,
+            force,
+        } => record(out, *seconds, *force, network),
         BridgeCommand::Replay(options) => replay(options, network),
         BridgeCommand::Grids(options) => grids(options, config),
         BridgeCommand::Info { file, json } => info(file, *json),
-        BridgeCommand::Recover { file, out } => recover(file, out),
+        BridgeCommand::Recover { file, out, force } => {
+            recover(file, out, Existing::of_force(*force))
+        }
     }
 }
 
-fn record(out: &Path, seconds: Option<u64>, network: &NetworkOptions) -> Result<(), Failure> {
+fn record(
+    out: &Path,
+    seconds: Option<u64>,
+    force: bool,
+    network: &NetworkOptions,
+) -> Result<(), Failure> {
+    let existing = Existing::of_force(force);
+    check_out(out, existing)?;
     let bar = progress::spinner("recorder");
     let options = RecordOptions {
         path: out.to_owned(),
+        existing,
         keys: Vec::new(),
     };
     let counts = with_session(network, async |session| {
@@ -83,6 +99,14 @@ fn record(out: &Path, seconds: Option<u64>, network: &NetworkOptions) -> Result<
 }
 
 fn replay(options: &ReplayOptions, network: &NetworkOptions) -> Result<(), Failure> {
+    if let (Some(start), Some(end)) = (options.start, options.end)
+        && end < start
+    {
+        let what = format!("--end {end} is before --start {start}\n");
+        Cli::command()
+            .error(ErrorKind::ValueValidation, what)
+            .exit();
+    }
     let bar = progress::bar(0, "replay");
     let replayed = recording::ReplayOptions {
         rate: options.rate,
@@ -115,30 +139,33 @@ fn show(bar: &ProgressBar, done: u64, total: u64) {
 }
 
 fn grids(options: &GridsOptions, config: &Config) -> Result<(), Failure> {
-    let mut ingest = config.ingest();
-    ingest.points_topic.clone_from(&options.points);
-    ingest.scan_topic.clone_from(&options.scan);
-    ingest.odom_topic.clone_from(&options.odom);
+    let mut ingest = options.ingest.apply(config.ingest());
     ingest.vehicle_id.clone_from(&options.vehicle);
     let bar = progress::bar(0, "grids");
-    let pictures = options.pictures.as_deref();
     let mut on_progress = |progress: Progress| show(&bar, progress.sweeps, progress.of_sweeps);
-    let report = write_grids(
-        &options.log,
-        &options.out,
-        pictures,
-        &ingest,
-        &mut on_progress,
-    )?;
+    let out = GridsOut {
+        recording: &options.out,
+        existing: Existing::of_force(options.force),
+        pictures: options.pictures.as_deref(),
+    };
+    let report = write_grids(&options.log, &out, &ingest, &mut on_progress)?;
     bar.finish_and_clear();
     output::line(format_args!(
         "{} grids of {} sweeps on {} with {} written to {}",
         report.frames,
         report.sweeps,
-        report.sensor_topic,
+        sensors_of(&report),
         report.odom_topic,
         options.out.display()
     ))?;
+    if report.sensors.len() > 1 {
+        for sensor in &report.sensors {
+            output::line(format_args!(
+                "  {}: {} sweeps, {} of them without a pose",
+                sensor.topic, sensor.sweeps, sensor.without_pose
+            ))?;
+        }
+    }
     if report.bad_messages > 0 || report.without_pose > 0 {
         output::line(format_args!(
             "not used: {} sweeps without a pose, {} messages that did not decode",
@@ -146,6 +173,12 @@ fn grids(options: &GridsOptions, config: &Config) -> Result<(), Failure> {
         ))?;
     }
     Ok(())
+}
+
+/// The topics of the sensors, in a line.
+fn sensors_of(report: &IngestReport) -> String {
+    let topics = report.sensors.iter().map(|sensor| sensor.topic.as_str());
+    topics.collect::<Vec<_>>().join(", ")
 }
 
 fn info(file: &Path, json: bool) -> Result<(), Failure> {
@@ -160,10 +193,12 @@ fn info(file: &Path, json: bool) -> Result<(), Failure> {
     Ok(())
 }
 
-fn recover(file: &Path, out: &Path) -> Result<(), Failure> {
+fn recover(file: &Path, out: &Path, existing: Existing) -> Result<(), Failure> {
     let bar = progress::bar(0, "recovering");
-    let report = recording::recover(file, out, &mut |done, total| show(&bar, done, total))
-        .with_context(|| format!("{} was not recovered", file.display()))?;
+    let report = recording::recover(file, out, existing, &mut |done, total| {
+        show(&bar, done, total);
+    })
+    .context("nothing was recovered")?;
     bar.finish_and_clear();
     for damage in &report.damage {
         output::line(format_args!("damage: {damage}"))?;
@@ -176,6 +211,12 @@ fn recover(file: &Path, out: &Path) -> Result<(), Failure> {
         report.bytes_lost,
         report.bytes
     ))?;
+    if report.has_no_end {
+        return Err(Failure::DataLost(format!(
+            "{} has no end: what its writer had not written is lost",
+            file.display()
+        )));
+    }
     if report.bytes_lost > 0 || report.messages_lost > 0 {
         return Err(Failure::DataLost(format!("{} was damaged", file.display())));
     }

@@ -6,11 +6,13 @@ mod pictures;
 mod verdict;
 
 use std::collections::BTreeMap;
+use std::fs::{File, TryLockError};
 use std::path::Path;
 use std::time::Duration;
 
 use anyhow::Context;
 use swath_bridge::msg::swath::{PlanReport, TargetPlan, TrainStatus};
+use swath_bridge::recording::{Existing, check_out};
 use swath_bridge::{Outcome, Session, keys};
 use swath_trainer::WEIGHTS_FILE;
 use tokio::time::{Instant, sleep_until};
@@ -71,11 +73,13 @@ pub(crate) fn run(
     let out = &options.out;
     outputs::test_folder(out)?;
     std::fs::create_dir_all(out).with_context(|| out.display().to_string())?;
+    let _claim = claim(out)?;
     let recording = out.join("run.mcap");
+    check_out(&recording, Existing::of_force(options.force))?;
     // A namespace of its own keeps a demo apart from whatever else runs on this machine.
     let namespace = format!("demo-{}", std::process::id());
     let launcher = Launcher::new(out, &namespace, config_file)?;
-    let feed = feed::Feed::open(&options.log, config)?;
+    let feed = feed::Feed::open(&options.log, options.ingest.apply(config.ingest()), config)?;
     let cores = std::thread::available_parallelism().map_or(1, std::num::NonZero::get);
     let pace = Pace::on(cores);
     output::line(format_args!(
@@ -103,6 +107,18 @@ pub(crate) fn run(
         ended
     })?;
     finish(out, &recording, config)
+}
+
+/// Keeps other demos out of the directory for as long as the file is open.
+fn claim(out: &Path) -> anyhow::Result<File> {
+    let directory = File::open(out).with_context(|| out.display().to_string())?;
+    if matches!(directory.try_lock(), Err(TryLockError::WouldBlock)) {
+        anyhow::bail!(
+            "{}: another demo is running there: give another --out",
+            out.display()
+        );
+    }
+    Ok(directory)
 }
 
 /// A node of the demo and how it is started.
@@ -141,6 +157,9 @@ fn nodes(options: &DemoOptions, pace: Pace, recording: &Path) -> Vec<NodeStart> 
             let log = log.display().to_string();
             node.arguments.extend(["--log".to_owned(), log]);
         }
+        if !options.log.is_empty() {
+            node.arguments.extend(options.ingest.arguments());
+        }
         nodes.push(node.in_background());
     }
     let train = options.out.join(TRAIN_FOLDER).display().to_string();
@@ -152,11 +171,13 @@ fn nodes(options: &DemoOptions, pace: Pace, recording: &Path) -> Vec<NodeStart> 
         &["train", "--out", &train, "--size", "half", "--batch", "8"][..],
         &["--publish-every", "20"],
     ];
+    let mut recorder = vec!["bridge", "record", "--out", &recording];
+    recorder.extend(options.force.then_some("--force"));
     nodes.extend([
         NodeStart::new("planner", &vehicle),
         NodeStart::new("planner-fcn", &[&guided[..], &in_regions].concat()),
         NodeStart::new("trainer", &trainer.concat()).in_background(),
-        NodeStart::new("recorder", &["bridge", "record", "--out", &recording]),
+        NodeStart::new("recorder", &recorder),
     ]);
     nodes
 }

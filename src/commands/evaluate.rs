@@ -1,9 +1,7 @@
 //! `swath evaluate`: a network and two baselines against labels.
 
-use std::path::Path;
-
 use serde::Serialize;
-use swath_bridge::recording::Writer;
+use swath_bridge::recording::{Existing, Writer, check_out};
 use swath_bridge::{clock, keys};
 use swath_trainer::{
     DISTANCE_GROUPS_M, Evaluated, IOU_GROUPS, Limits, Predictor, Ranking, Report, evaluate,
@@ -27,6 +25,10 @@ pub(crate) fn run(options: &EvaluateOptions, config: &Config) -> Result<(), Fail
     for out in options.out.iter().chain(&options.picture) {
         outputs::test_apart(out, options.data.iter().chain(&options.weights))?;
         outputs::test_file(out)?;
+    }
+    let existing = Existing::of_force(options.force);
+    if let Some(out) = &options.out {
+        check_out(out, existing)?;
     }
     let network = network::load(options.weights.as_deref())?;
     let mut examples = open(&options.data)?.into_examples();
@@ -59,7 +61,8 @@ pub(crate) fn run(options: &EvaluateOptions, config: &Config) -> Result<(), Fail
         picture::draw(path, predictors[0], (&examples, dilation_m), config)?;
     }
     if let Some(out) = &options.out {
-        record(out, &split_name(options), &reports)?;
+        let writer = Writer::create_with(out, existing)?;
+        record(writer, &split_name(options), &reports)?;
     }
     if options.json {
         output::json(&Json::new(&reports, ranking)?)?;
@@ -243,8 +246,11 @@ fn print(reports: &[(&'static str, Report)]) -> anyhow::Result<()> {
 }
 
 /// Writes the counts, from which a report makes its table.
-fn record(out: &Path, split: &str, reports: &[(&'static str, Report)]) -> anyhow::Result<()> {
-    let mut writer = Writer::create(out)?;
+fn record(
+    mut writer: Writer,
+    split: &str,
+    reports: &[(&'static str, Report)],
+) -> anyhow::Result<()> {
     for (predictor, report) in reports {
         let of = Evaluated {
             run: RUN,

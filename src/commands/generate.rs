@@ -6,6 +6,8 @@ use std::time::Instant;
 
 use serde::Serialize;
 use swath_bridge::Outcome;
+use swath_bridge::ingest::IngestConfig;
+use swath_bridge::recording::{Existing, Writer, check_out};
 use swath_generator::{Generator, LogScenes, Run, Scenes, Written, write_dataset};
 
 use crate::cli::{GenerateOptions, NetworkOptions};
@@ -28,8 +30,9 @@ pub(crate) fn run(
     if let Some(out) = &options.out {
         outputs::test_apart(out, &options.log)?;
         outputs::test_file(out)?;
+        check_out(out, Existing::of_force(options.force))?;
     }
-    let scenes = scenes_of(&options.log, config)?;
+    let scenes = scenes_of(&options.log, &options.ingest.apply(config.ingest()))?;
     let generator = Arc::new(Generator::new(config.generator(), scenes)?);
     match &options.out {
         Some(out) => into_file(options, &generator, out),
@@ -38,20 +41,24 @@ pub(crate) fn run(
 }
 
 /// Scenes of logs, or procedural ones without any.
-pub(crate) fn scenes_of(logs: &[PathBuf], config: &Config) -> anyhow::Result<Scenes> {
+pub(crate) fn scenes_of(logs: &[PathBuf], config: &IngestConfig) -> anyhow::Result<Scenes> {
     if logs.is_empty() {
         return Ok(Scenes::Procedural);
     }
     let mut scenes = LogScenes::new();
     for log in logs {
-        let name = log
-            .file_stem()
-            .map_or_else(String::new, |stem| stem.to_string_lossy().into());
-        let frames = swath_bridge::ingest::frames(log, &config.ingest())?;
-        let kept = scenes.add(&name, frames)?;
+        let frames = swath_bridge::ingest::frames(log, config)?;
+        let kept = scenes.add(&name_of(log), frames)?;
         tracing::info!("{}: {kept} frames", log.display());
     }
     Ok(Scenes::Logs(Arc::new(scenes)))
+}
+
+/// The name of a log: that of its file or folder, without the endings of recordings.
+fn name_of(log: &Path) -> String {
+    let name = log.file_name().unwrap_or_default().to_string_lossy();
+    let name = name.strip_suffix(".zstd").unwrap_or(&name);
+    name.strip_suffix(".mcap").unwrap_or(name).to_owned()
 }
 
 fn into_file(
@@ -67,7 +74,11 @@ fn into_file(
     };
     let bar = progress::bar_of(count, "generating", Unit::Count("samples"));
     let started = Instant::now();
-    let written = write_dataset(generator, run, out, &mut |done, _| bar.set_position(done))?;
+    let existing = Existing::of_force(options.force);
+    let writer = Writer::create_with(out, existing)?;
+    let written = write_dataset(generator, run, writer, &mut |done, _| {
+        bar.set_position(done)
+    })?;
     bar.finish_and_clear();
     let took = started.elapsed();
     let summary = Summary::new(&written, took.as_secs_f64());

@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use swath_analysis::{ReportOptions as AnalysisOptions, Summary, report};
+use swath_bridge::recording::distinct;
 
 use crate::cli::ReportOptions;
 use crate::output::{self, Failure};
@@ -28,6 +29,15 @@ pub(crate) fn run(options: &ReportOptions) -> Result<(), Failure> {
 /// Writes the report of recordings into a directory.
 pub(crate) fn write(recordings: &[PathBuf], out: &Path) -> anyhow::Result<Summary> {
     outputs::test_folder(out)?;
+    let distinct = distinct(recordings)?;
+    for (path, first) in &distinct.repeated {
+        tracing::warn!(
+            "{} is the same recording as {}: it counts once",
+            path.display(),
+            first.display()
+        );
+    }
+    let recordings = &distinct.files;
     let bar = progress::bar(0, "report");
     let summary = report(recordings, out, &AnalysisOptions::default(), |progress| {
         bar.set_length(progress.total_bytes);

@@ -6,7 +6,7 @@ use libfuzzer_sys::fuzz_target;
 use nalgebra::Isometry3;
 use swath_bridge::cdr;
 use swath_bridge::ingest::cloud::points_of;
-use swath_bridge::ingest::scan::beams_of;
+use swath_bridge::ingest::scan::{BeamConfig, beams_of};
 use swath_bridge::ingest::transform::TransformTree;
 use swath_bridge::msg::nav::OccupancyGrid;
 use swath_bridge::msg::sensor::{LaserScan, PointCloud2};
@@ -28,7 +28,7 @@ fuzz_target!(|data: &[u8]| {
         }
         1 => {
             if let Ok(scan) = cdr::from_slice::<LaserScan>(payload) {
-                let _ = beams_of(&scan, &identity, 20.0);
+                let _ = beams_of(&scan, &identity, &BeamConfig { clear_m: 20.0, is_limit_return: payload.len() % 2 == 0 });
             }
         }
         2 => {

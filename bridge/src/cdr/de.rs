@@ -7,7 +7,7 @@ use super::CdrError;
 /// Bytes of encapsulation before the message.
 const ENCAPSULATION_BYTES: usize = 4;
 /// Zero bytes behind a message that are taken for padding.
-const MOST_PADDING_BYTES: usize = 3;
+const MOST_PADDING_BYTES: usize = 15;
 
 pub(super) fn from_slice<T: DeserializeOwned>(payload: &[u8]) -> Result<T, CdrError> {
     let mut reader = Reader::new(payload)?;
@@ -20,6 +20,43 @@ pub(super) fn from_slice<T: DeserializeOwned>(payload: &[u8]) -> Result<T, CdrEr
         });
     }
     Ok(message)
+}
+
+pub(super) fn beginning_of<T: DeserializeOwned>(payload: &[u8]) -> Result<T, CdrError> {
+    T::deserialize(&mut Reader::new(payload)?)
+}
+
+/// What kind of data an encapsulation announces that is not read, and what to do about it. Source: OMG
+/// DDS-XTypes 1.3 §7.6.3.1.2.
+const fn kind_of(encapsulation: [u8; 2]) -> Option<&'static str> {
+    Some(match encapsulation {
+        [0, 2] => "parameter list CDR, big endian",
+        [0, 3] => "parameter list CDR, little endian",
+        [0, 4] => "XML",
+        [0, 6] => "XCDR2, big endian",
+        [0, 7] => "XCDR2, little endian",
+        [0, 8] => "delimited XCDR2, big endian",
+        [0, 9] => "delimited XCDR2, little endian",
+        [0, 10] => "parameter list XCDR2, big endian",
+        [0, 11] => "parameter list XCDR2, little endian",
+        _ => return None,
+    })
+}
+
+fn other_encapsulation(found: [u8; 2]) -> CdrError {
+    let [a, b] = found;
+    let what = match kind_of(found) {
+        Some(kind) => format!(
+            "{a:02x} {b:02x} ({kind}), expected 00 00 or 00 01 (CDR, also called XCDR1): let the sender \
+             write XCDR1, or convert the recording"
+        ),
+        None => format!("{a:02x} {b:02x}, expected 00 00 or 00 01"),
+    };
+    CdrError::BadValue {
+        what: "encapsulation",
+        offset: 0,
+        found: what,
+    }
 }
 
 #[derive(Debug)]
@@ -39,16 +76,10 @@ impl<'de> Reader<'de> {
                 len: payload.len(),
             });
         };
-        let big_endian = match head[..2] {
+        let big_endian = match [head[0], head[1]] {
             [0, 0] => true,
             [0, 1] => false,
-            _ => {
-                return Err(CdrError::BadValue {
-                    what: "encapsulation",
-                    offset: 0,
-                    found: format!("{:02x} {:02x}, expected 00 00 or 00 01", head[0], head[1]),
-                });
-            }
+            found => return Err(other_encapsulation(found)),
         };
         Ok(Self {
             payload,

@@ -114,15 +114,43 @@ fn a_hostile_length_is_refused_before_anything_is_allocated() {
 #[test]
 fn bytes_behind_the_message_are_an_error_unless_they_pad() {
     let mut payload = to_vec(&5u32).unwrap();
-    payload.extend_from_slice(&[0, 0, 0]);
-    assert_eq!(from_slice::<u32>(&payload), Ok(5));
-    payload.push(0);
+    for _ in 0..=15 {
+        assert_eq!(from_slice::<u32>(&payload), Ok(5));
+        payload.push(0);
+    }
     assert_eq!(
         from_slice::<u32>(&payload),
-        Err(CdrError::TrailingBytes { offset: 8, left: 4 })
+        Err(CdrError::TrailingBytes {
+            offset: 8,
+            left: 16
+        })
     );
     payload[8] = 1;
     assert!(from_slice::<u32>(&payload[..9]).is_err());
+    assert!(from_slice::<u32>(&payload[..12]).is_err());
+}
+
+#[test]
+fn the_beginning_of_a_message_is_read_without_its_rest() {
+    let mut payload = to_vec(&5u32).unwrap();
+    payload.extend([7; 40]);
+    assert_eq!(beginning_of::<u32>(&payload), Ok(5));
+    assert!(beginning_of::<u32>(&payload[..7]).is_err());
+}
+
+#[test]
+fn other_encapsulations_are_named() {
+    for (kind, said) in [
+        (7, "XCDR2, little endian"),
+        (3, "parameter list CDR"),
+        (11, "parameter list XCDR2"),
+        (99, "00 63, expected"),
+    ] {
+        let mut payload = to_vec(&5u32).unwrap();
+        payload[1] = kind;
+        let error = from_slice::<u32>(&payload).unwrap_err().to_string();
+        assert!(error.contains(said), "{error}");
+    }
 }
 
 #[test]

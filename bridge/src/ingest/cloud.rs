@@ -20,7 +20,8 @@ pub type Point = [f32; 3];
 /// are left out.
 ///
 /// The layout is taken from the fields, whatever their offsets, types, order and company; x, y and z
-/// may be of any of the eight types, in either byte order.
+/// may be of any of the eight types, in either byte order. Where the data are as long as all points
+/// together, they lie one behind the other, whatever `row_step` says; [`oddity_of`] tells of that.
 ///
 /// # Errors
 /// [`Error::InvalidMessage`] says which field is missing or reaches beyond its point, or how many
@@ -114,30 +115,15 @@ impl Layout {
                 "{rows} x {points_a_row} points, expected at most {MAX_POINTS}"
             )));
         };
-        let packed = points_a_row * cloud.point_step as usize;
-        // Some writers leave row_step at 0 where there is one row.
-        let row_bytes = if rows <= 1 {
-            packed
-        } else {
-            cloud.row_step as usize
-        };
-        if row_bytes < packed {
-            return Err(invalid(format!(
-                "row_step {row_bytes} is below the {packed} bytes of {points_a_row} points"
-            )));
-        }
-        let wanted = if count == 0 {
-            0
-        } else {
-            (rows - 1) * row_bytes + packed
-        };
-        if cloud.data.len() < wanted {
-            return Err(invalid(format!(
-                "{rows} x {points_a_row} points of {} bytes need {wanted} bytes, found {}",
+        let row_bytes = row_bytes_of(cloud).ok_or_else(|| {
+            invalid(format!(
+                "{rows} x {points_a_row} points of {} bytes need {} bytes, found {} in rows of {}",
                 cloud.point_step,
-                cloud.data.len()
-            )));
-        }
+                count * cloud.point_step as usize,
+                cloud.data.len(),
+                cloud.row_step
+            ))
+        })?;
         Ok(Self {
             offsets: [x.0, y.0, z.0],
             kinds: [x.1, y.1, z.1],
@@ -180,6 +166,36 @@ impl Layout {
     fn is_plain(&self, is_bigendian: bool) -> bool {
         !is_bigendian && self.kinds == [Kind::F32; 3]
     }
+}
+
+/// Bytes from the beginning of a row of points to that of the next one; `None` if there are too few for
+/// all points.
+fn row_bytes_of(cloud: &PointCloud2) -> Option<usize> {
+    let (rows, len) = (cloud.height as usize, cloud.data.len());
+    let packed = (cloud.width as usize).checked_mul(cloud.point_step as usize)?;
+    let all = packed.checked_mul(rows)?;
+    let claimed = cloud.row_step as usize;
+    if all == 0 || all == len || rows <= 1 {
+        return (all <= len).then_some(packed);
+    }
+    let reaches = |row_bytes: usize| {
+        let needed = row_bytes.checked_mul(rows - 1)?.checked_add(packed)?;
+        (row_bytes >= packed && needed <= len).then_some(row_bytes)
+    };
+    // Rows may be padded. Where they say so wrongly, the data's length tells.
+    reaches(claimed).or_else(|| len.is_multiple_of(rows).then(|| reaches(len / rows))?)
+}
+
+/// What is odd about a cloud that can be read all the same.
+pub fn oddity_of(cloud: &PointCloud2) -> Option<String> {
+    let row_bytes = row_bytes_of(cloud)?;
+    let is_odd = cloud.height > 1 && row_bytes != cloud.row_step as usize;
+    is_odd.then(|| {
+        format!(
+            "row_step is {}, expected {row_bytes}: the length of the data decides",
+            cloud.row_step
+        )
+    })
 }
 
 fn invalid(what: String) -> Error {

@@ -2,9 +2,21 @@
 
 use serde::{Deserialize, Serialize};
 
+use super::mount::Mount;
 use crate::Error;
 use crate::geometry::GridSpec;
 use crate::vehicle::Vehicle;
+
+/// Which times say when something was seen.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Clock {
+    /// The stamps in the messages' headers; the times of recording where odometry has no stamps.
+    #[default]
+    Stamp,
+    /// The times of recording, for logs in which sensor and odometry have different clocks.
+    Record,
+}
 
 /// How a log becomes grids.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -14,13 +26,18 @@ pub struct IngestConfig {
     pub spec: GridSpec,
     /// The vehicle that carried the sensor; returns from inside its outline are its own.
     pub vehicle: Vehicle,
-    /// Topic of `sensor_msgs/PointCloud2`; none: the one with the most messages.
-    pub points_topic: Option<String>,
-    /// Topic of `sensor_msgs/LaserScan`; none: the one with the most messages, if there are no
-    /// points.
-    pub scan_topic: Option<String>,
+    /// Topics of `sensor_msgs/PointCloud2` to use. Where neither these nor those of scans are named, all
+    /// are used.
+    pub points_topics: Vec<String>,
+    /// Topics of `sensor_msgs/LaserScan` to use. Where neither these nor those of points are named, all
+    /// are used.
+    pub scan_topics: Vec<String>,
     /// Topic of `nav_msgs/Odometry`; none: the one with the most messages.
     pub odom_topic: Option<String>,
+    /// Which times say when something was seen.
+    pub clock: Clock,
+    /// Where sensors are mounted, in the place of what the log's transforms say.
+    pub mount: Vec<Mount>,
     /// How long sweeps of a 3D lidar count, seconds, 0 to 60.
     pub accumulate_s: f64,
     /// How long planar scans count, seconds, 0 to 60. They see one line of the world each, and often
@@ -61,9 +78,11 @@ impl Default for IngestConfig {
         Self {
             spec: GridSpec::default(),
             vehicle: Vehicle::default(),
-            points_topic: None,
-            scan_topic: None,
+            points_topics: Vec::new(),
+            scan_topics: Vec::new(),
             odom_topic: None,
+            clock: Clock::Stamp,
+            mount: Vec::new(),
             accumulate_s: 3.0,
             accumulate_scans_s: 10.0,
             accumulate_m: 60.0,
@@ -91,6 +110,13 @@ impl IngestConfig {
     pub fn validate(&self) -> Result<(), Error> {
         self.spec.validate()?;
         self.vehicle.validate()?;
+        if let Some(mount) = self.mount.iter().find(|mount| !mount.is_valid()) {
+            return Err(Error::BadSetting {
+                name: "mount",
+                value: format!("{mount:?}"),
+                expected: "places of at most 100 m and finite angles",
+            });
+        }
         for (field, value, least, most) in [
             ("accumulate_s", self.accumulate_s, 0.0, 60.0),
             ("accumulate_scans_s", self.accumulate_scans_s, 0.0, 60.0),

@@ -34,6 +34,9 @@ pub(crate) struct Return {
 /// A cell that was hit.
 #[derive(Debug, Clone, Copy)]
 struct Hit {
+    /// Number of the sensor that hit it last. Its beams alone can prove it gone: those of another one may
+    /// pass above or below.
+    sensor: u8,
     cell: (i64, i64),
     /// Where the newest return came from, odometry frame.
     position_m: (f64, f64),
@@ -45,11 +48,16 @@ struct Hit {
     travelled_m: f64,
 }
 
+/// The time of a sweep, and the age from which on evidence is too old.
+#[derive(Debug, Clone, Copy)]
+struct Now {
+    nanos: u64,
+    age_nanos: u64,
+}
+
 /// How long evidence counts and how much of the world it covers.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Limits {
-    /// Age at which evidence is forgotten, nanoseconds.
-    pub(crate) age_nanos: u64,
     /// Distance driven after which evidence is forgotten, metres.
     pub(crate) travel_m: f64,
     /// Distance from the vehicle beyond which nothing is kept, metres.
@@ -64,6 +72,10 @@ pub(crate) struct Limits {
 #[derive(Debug)]
 pub(crate) struct Evidence {
     limits: Limits,
+    /// Ages at which evidence is forgotten, nanoseconds, by sensor.
+    ages_nanos: Vec<u64>,
+    /// The sensor of the sweep that has begun.
+    sensor: u8,
     hits: Vec<Hit>,
     /// Place in `hits` plus one, 0 for none, by wrapped cell.
     index: Wrapped,
@@ -132,6 +144,8 @@ impl Evidence {
         let side_m = 2.0 * limits.radius_m + limits.travel_m + 1.0;
         Self {
             limits,
+            ages_nanos: Vec::new(),
+            sensor: 0,
             hits: Vec::new(),
             index: Wrapped::new(limits.hit_cell_m, side_m),
             free: Wrapped::new(limits.free_cell_m, side_m),
@@ -152,14 +166,19 @@ impl Evidence {
         self.pose = None;
     }
 
-    /// Sets the age at which evidence is forgotten, seconds.
+    /// Says whose sweep comes next, and the age at which what it sees is forgotten, seconds.
     #[expect(
         clippy::cast_possible_truncation,
         clippy::cast_sign_loss,
         reason = "ages are a minute at most"
     )]
-    pub(crate) fn set_age(&mut self, age_s: f64) {
-        self.limits.age_nanos = (age_s * 1e9) as u64;
+    pub(crate) fn set_sensor(&mut self, sensor: u8, age_s: f64) {
+        let place = usize::from(sensor);
+        if self.ages_nanos.len() <= place {
+            self.ages_nanos.resize(place + 1, u64::MAX);
+        }
+        self.ages_nanos[place] = (age_s * 1e9) as u64;
+        self.sensor = sensor;
     }
 
     /// Begins a sweep taken at a pose, and forgets what is too old.
@@ -174,18 +193,20 @@ impl Evidence {
             self.travelled_m += before.distance_m(odom_from_vehicle);
         }
         self.sweeps.push_back((nanos, self.travelled_m));
+        // Free space does not tell who saw it, so the shortest age counts.
+        let age_nanos = self.ages_nanos.iter().copied().min().unwrap_or(0);
         while let Some(&(then_nanos, then_m)) = self.sweeps.front()
-            && self.is_old(then_nanos, then_m, nanos)
+            && self.is_old(then_nanos, then_m, Now { nanos, age_nanos })
         {
             self.sweeps.pop_front();
             self.first_sweep += 1;
         }
     }
 
-    fn is_old(&self, then_nanos: u64, then_m: f64, nanos: u64) -> bool {
+    fn is_old(&self, then_nanos: u64, then_m: f64, now: Now) -> bool {
         // A stamp from the future comes from a clock that was set back.
-        then_nanos > nanos
-            || nanos - then_nanos > self.limits.age_nanos
+        then_nanos > now.nanos
+            || now.nanos - then_nanos > now.age_nanos
             || self.travelled_m - then_m > self.limits.travel_m
     }
 
@@ -204,6 +225,7 @@ impl Evidence {
             let cell = self.index.cell(position_m);
             let slot = self.index.slot(cell);
             let fresh = Hit {
+                sensor: self.sensor,
                 cell,
                 position_m,
                 top_m: found.top_m,
@@ -254,11 +276,15 @@ impl Evidence {
             )]
             let (x_m, y_m) = ((cos * dx + sin * dy) as f32, (cos * dy - sin * dx) as f32);
             let is_far = dx * dx + dy * dy > radius_m * radius_m;
-            if is_far || is_own(x_m, y_m) || self.is_old(hit.nanos, hit.travelled_m, nanos) {
+            let is_of_sweep = hit.sensor == self.sensor;
+            let age_nanos = self.ages_nanos[usize::from(hit.sensor)];
+            let now = Now { nanos, age_nanos };
+            let is_covered = is_of_sweep && is_own(x_m, y_m);
+            if is_far || is_covered || self.is_old(hit.nanos, hit.travelled_m, now) {
                 self.index.values[slot] = 0;
                 continue;
             }
-            if hit.sweep != self.sweep {
+            if is_of_sweep && hit.sweep != self.sweep {
                 hit.score = hit
                     .score
                     .saturating_sub(misses(&hit, beams.cleared_above_m(x_m, y_m)));

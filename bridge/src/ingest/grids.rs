@@ -12,7 +12,7 @@ use crate::msg::header::Header;
 use crate::msg::nav::{OccupancyGrid, Odometry, Path as PathMessage};
 use crate::picture::{BLUE, GREEN, Picture};
 use crate::poses::{odometry_message, path_message};
-use crate::recording::Writer;
+use crate::recording::{Existing, Writer, check_out};
 use crate::vehicle::Vehicle;
 
 /// Most pictures of a log; of longer logs every second, third, ... frame is drawn.
@@ -40,23 +40,32 @@ pub struct GridWriter {
     grid: Topic<OccupancyGrid>,
     odom: Topic<Odometry>,
     reference: Topic<PathMessage>,
+    /// What is added to stamps for the times of recording, nanoseconds.
+    shift_nanos: u64,
+    last_log_nanos: Option<u64>,
 }
+
+/// Time between the drives of a log in the times of recording, nanoseconds.
+const BETWEEN_DRIVES_NANOS: u64 = 1_000_000_000;
 
 impl GridWriter {
     /// Begins a recording of the vehicle of this name.
     ///
     /// # Errors
-    /// As [`Writer::create`].
-    pub fn create(path: &Path, vehicle_id: &str) -> Result<Self, Error> {
+    /// As [`Writer::create_with`].
+    pub fn create(path: &Path, vehicle_id: &str, existing: Existing) -> Result<Self, Error> {
         Ok(Self {
-            writer: Writer::create(path)?,
+            writer: Writer::create_with(path, existing)?,
+            shift_nanos: 0,
+            last_log_nanos: None,
             grid: keys::grid(vehicle_id),
             odom: keys::odom(vehicle_id),
             reference: keys::reference(vehicle_id),
         })
     }
 
-    /// Writes a frame.
+    /// Writes a frame. Where stamps go back, since a log is several drives, the times of recording go on:
+    /// what is recorded stays in the order in which it is written.
     ///
     /// # Errors
     /// As [`Writer::write`].
@@ -66,10 +75,18 @@ impl GridWriter {
         let reference = path_message(&header, &frame.reference);
         let odometry = odometry_message(&header, frame);
         let grid = frame.occupancy.to_message(header);
+        let mut log_nanos = nanos.saturating_add(self.shift_nanos);
+        if let Some(last) = self.last_log_nanos
+            && log_nanos < last
+        {
+            log_nanos = last.saturating_add(BETWEEN_DRIVES_NANOS);
+            self.shift_nanos = log_nanos - nanos.min(log_nanos);
+        }
+        self.last_log_nanos = Some(log_nanos);
         self.writer
-            .write(&self.reference, &reference, nanos, nanos)?;
-        self.writer.write(&self.odom, &odometry, nanos, nanos)?;
-        self.writer.write(&self.grid, &grid, nanos, nanos)
+            .write(&self.reference, &reference, log_nanos, nanos)?;
+        self.writer.write(&self.odom, &odometry, log_nanos, nanos)?;
+        self.writer.write(&self.grid, &grid, log_nanos, nanos)
     }
 
     /// Finishes the file.
@@ -81,38 +98,62 @@ impl GridWriter {
     }
 }
 
+/// Where grids of a log are written to.
+#[derive(Debug, Clone, Copy)]
+pub struct GridsOut<'a> {
+    /// The recording.
+    pub recording: &'a Path,
+    /// What becomes of a recording that is there already.
+    pub existing: Existing,
+    /// The directory for pictures, if there are to be any.
+    pub pictures: Option<&'a Path>,
+}
+
 /// Makes grids of a log and writes them as a recording: grid, odometry and reference of each frame,
 /// and, if there is a directory for them, pictures. `progress` is called for each frame.
 ///
 /// # Errors
-/// As [`frames`], [`GridWriter::write`] and [`Picture::write_png`].
+/// As [`frames`], [`GridWriter::create`], [`GridWriter::write`] and [`Picture::write_png`].
 pub fn write_grids(
     log: &Path,
-    out: &Path,
-    pictures: Option<&Path>,
+    out: &GridsOut<'_>,
     config: &IngestConfig,
     progress: &mut dyn FnMut(Progress),
 ) -> Result<IngestReport, Error> {
+    check_out(out.recording, out.existing)?;
     let mut frames = frames(log, config)?;
-    if let Some(directory) = pictures {
+    if let Some(directory) = out.pictures {
         std::fs::create_dir_all(directory).map_err(|source| Error::Io {
             path: directory.to_owned(),
             source,
         })?;
     }
-    let mut writer = GridWriter::create(out, &config.vehicle_id)?;
+    let mut writer = None;
     let every = frames.sweeps().div_ceil(MAX_PICTURES).max(1);
     while let Some(frame) = frames.next() {
         let frame = frame?;
-        writer.write(&frame)?;
+        // A log without a single frame leaves no file behind.
+        let opened = match writer.take() {
+            Some(opened) => opened,
+            None => GridWriter::create(out.recording, &config.vehicle_id, out.existing)?,
+        };
+        writer.insert(opened).write(&frame)?;
         let number = frames.report().frames - 1;
-        if let Some(directory) = pictures.filter(|_| number.is_multiple_of(every)) {
+        if let Some(directory) = out.pictures.filter(|_| number.is_multiple_of(every)) {
             let path: PathBuf = directory.join(format!("{number:06}.png"));
             picture_of(&frame, &config.vehicle).write_png(&path)?;
         }
         progress(progress_of(&frames));
     }
-    writer.finish()?;
+    match writer {
+        Some(writer) => writer.finish()?,
+        None => {
+            return Err(Error::BadFile {
+                path: log.to_owned(),
+                what: "no frame comes of it".to_owned(),
+            });
+        }
+    }
     Ok(frames.report().clone())
 }
 

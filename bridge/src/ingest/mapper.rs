@@ -32,7 +32,11 @@ const JOINED_BEAMS: f32 = 3.0;
 /// stand on it all the same.
 const UPRIGHT_PART: f32 = 0.8;
 
-/// The map that a vehicle has of its surroundings, from the sweeps of the last seconds.
+/// Most sensors whose sweeps make one map.
+pub const MAX_SENSORS: usize = 8;
+
+/// The map that a vehicle has of its surroundings, from the sweeps of the last seconds of one sensor or
+/// of several.
 ///
 /// Poses are in any frame that does not move; a jump in it needs a [`Mapper::clear`].
 #[derive(Debug)]
@@ -40,6 +44,17 @@ pub struct Mapper {
     config: IngestConfig,
     evidence: Evidence,
     radius_m: f64,
+    /// What each sensor sees, by its number.
+    views: Vec<View>,
+    /// Number of the sensor whose sweeps are being added.
+    sensor: usize,
+    sweep: Sweep,
+    returns: Vec<Return>,
+}
+
+/// What a sensor saw last.
+#[derive(Debug, Default)]
+struct View {
     own: Own,
     beams: Option<Beams>,
     ground: Option<Ground>,
@@ -47,8 +62,8 @@ pub struct Mapper {
     cell_places: Vec<(u16, u16)>,
     /// Cells on which the newest sweep saw the ground.
     is_ground: Vec<bool>,
-    sweep: Sweep,
-    returns: Vec<Return>,
+    /// Least slope of the beams that end in a bin.
+    lowest_slope: Vec<f32>,
 }
 
 /// The rectangle in which returns are the vehicle's own.
@@ -72,8 +87,6 @@ struct Sweep {
     points: Vec<Point>,
     /// Sector and bin of each point.
     places: Vec<(u16, u16)>,
-    /// Least slope of the beams that end in a bin.
-    lowest_slope: Vec<f32>,
     /// Lowest and highest return of each cell of the grid below the greatest height.
     extents_m: Vec<(f32, f32)>,
 }
@@ -91,7 +104,6 @@ impl Mapper {
         let corner_m = libm::hypot(far_x.max(-near_x), far_y.max(-near_y));
         let radius_m = (corner_m + 2.0 * spec.resolution_m).min(MAX_RADIUS_M);
         let limits = Limits {
-            age_nanos: 0,
             travel_m: config.accumulate_m,
             radius_m,
             hit_cell_m: spec.resolution_m / HITS_A_CELL,
@@ -101,11 +113,8 @@ impl Mapper {
             config: config.clone(),
             evidence: Evidence::new(limits),
             radius_m,
-            own: Own::default(),
-            beams: None,
-            ground: None,
-            cell_places: Vec::new(),
-            is_ground: vec![false; spec.len()],
+            views: vec![View::default()],
+            sensor: 0,
             sweep: Sweep::default(),
             returns: Vec::new(),
         })
@@ -114,8 +123,25 @@ impl Mapper {
     /// Forgets everything.
     pub fn clear(&mut self) {
         self.evidence.clear();
-        self.beams = None;
-        self.ground = None;
+        for view in &mut self.views {
+            view.beams = None;
+            view.ground = None;
+        }
+    }
+
+    /// Says whose sweeps are added from now on: that of the sensor with this number. Numbers begin at 0,
+    /// and those from [`MAX_SENSORS`] on share one place. Without this there is one sensor.
+    pub fn select(&mut self, sensor: usize) {
+        self.sensor = sensor.min(MAX_SENSORS - 1);
+        if self.views.len() <= self.sensor {
+            self.views.resize_with(self.sensor + 1, View::default);
+        }
+    }
+
+    #[expect(clippy::cast_possible_truncation, reason = "at most MAX_SENSORS")]
+    fn begin_sweep(&mut self, age_s: f64, odom_from_vehicle: &Pose2, stamp_nanos: u64) {
+        self.evidence.set_sensor(self.sensor as u8, age_s);
+        self.evidence.begin(odom_from_vehicle, stamp_nanos);
     }
 
     /// Adds a sweep of a 3D lidar: its points and the sensor's place in the vehicle frame, the
@@ -136,14 +162,13 @@ impl Mapper {
     ) -> Result<(), Error> {
         check_pose(odom_from_vehicle)?;
         let margin_m = self.config.own_margin_m;
-        self.own = Own {
+        self.views[self.sensor].own = Own {
             rear_m: (self.config.vehicle.rear_m + margin_m) as f32,
             front_m: (self.config.vehicle.front_m + margin_m) as f32,
             half_width_m: (self.config.vehicle.half_width_m + margin_m) as f32,
         };
         self.look_from((sensor[0], sensor[1]), SWEEP_SECTORS);
-        self.evidence.set_age(self.config.accumulate_s);
-        self.evidence.begin(odom_from_vehicle, stamp_nanos);
+        self.begin_sweep(self.config.accumulate_s, odom_from_vehicle, stamp_nanos);
         self.locate(points, sensor);
         self.find_returns(sensor);
         self.finish_sweep();
@@ -170,7 +195,7 @@ impl Mapper {
     ) -> Result<(), Error> {
         check_pose(odom_from_vehicle)?;
         let own_m = self.config.own_scan_m as f32;
-        self.own = Own {
+        self.views[self.sensor].own = Own {
             rear_m: own_m,
             front_m: own_m,
             half_width_m: own_m,
@@ -181,15 +206,19 @@ impl Mapper {
             sensor,
             sectors.clamp(*SCAN_SECTORS.start(), *SCAN_SECTORS.end()),
         );
-        self.evidence.set_age(self.config.accumulate_scans_s);
-        self.evidence.begin(odom_from_vehicle, stamp_nanos);
-        self.is_ground.fill(false);
+        self.begin_sweep(
+            self.config.accumulate_scans_s,
+            odom_from_vehicle,
+            stamp_nanos,
+        );
         self.returns.clear();
-        if let Some(beams) = &mut self.beams {
+        let view = &mut self.views[self.sensor];
+        view.is_ground.fill(false);
+        if let Some(beams) = &mut view.beams {
             let apart_a_m = JOINED_BEAMS * step_rad.abs();
             let mut reach_m = vec![f32::INFINITY; beams.polar.sectors()];
             for (number, end) in ends.iter().enumerate() {
-                if self.own.has(end.x_m, end.y_m) {
+                if view.own.has(end.x_m, end.y_m) {
                     continue;
                 }
                 let (sector, _, range_m) = beams.polar.locate(end.x_m, end.y_m);
@@ -223,26 +252,10 @@ impl Mapper {
     pub fn occupancy(&mut self) -> Occupancy {
         let spec = self.config.spec;
         let mut occupancy = Occupancy::filled(spec, UNKNOWN);
-        let Some(beams) = &self.beams else {
+        if self.views[self.sensor].beams.is_none() {
             return occupancy;
-        };
-        #[expect(
-            clippy::cast_possible_truncation,
-            reason = "configured lengths are small"
-        )]
-        let max_height_m = self.config.max_height_m as f32;
-        let mut free = self.evidence.free_space();
-        for (index, value) in occupancy.cells.iter_mut().enumerate() {
-            let (sector, bin) = self.cell_places[index];
-            let lowest_m = beams.height_m(usize::from(sector), usize::from(bin));
-            let (x_m, y_m) = spec.centre_of(spec.cell_of_index(index));
-            #[expect(clippy::cast_possible_truncation, reason = "a cell of the grid")]
-            let is_own = self.own.has(x_m as f32, y_m as f32);
-            let is_seen = lowest_m < max_height_m || self.is_ground[index] || is_own;
-            if free.note(x_m, y_m, is_seen) {
-                *value = FREE;
-            }
         }
+        self.pass_free(|index| occupancy.cells[index] = FREE);
         let mut returns = vec![0u32; spec.len()];
         let cells = CellFinder::of(&spec);
         self.evidence.each_hit(|x_m, y_m, count| {
@@ -264,6 +277,35 @@ impl Mapper {
         occupancy
     }
 
+    /// Notes what the newest sweep saw to be free, for maps to come. [`Mapper::occupancy`] does so by
+    /// itself.
+    pub fn note_free(&mut self) {
+        self.pass_free(|_| ());
+    }
+
+    /// Notes which cells the newest sweep saw to be free, and calls with each cell that counts as free.
+    fn pass_free(&mut self, mut take: impl FnMut(usize)) {
+        let spec = self.config.spec;
+        let view = &self.views[self.sensor];
+        let Some(beams) = &view.beams else { return };
+        #[expect(
+            clippy::cast_possible_truncation,
+            reason = "configured lengths are small"
+        )]
+        let max_height_m = self.config.max_height_m as f32;
+        let mut free = self.evidence.free_space();
+        for (index, &(sector, bin)) in view.cell_places.iter().enumerate() {
+            let lowest_m = beams.height_m(usize::from(sector), usize::from(bin));
+            let (x_m, y_m) = spec.centre_of(spec.cell_of_index(index));
+            #[expect(clippy::cast_possible_truncation, reason = "a cell of the grid")]
+            let is_own = view.own.has(x_m as f32, y_m as f32);
+            let is_seen = lowest_m < max_height_m || view.is_ground[index] || is_own;
+            if free.note(x_m, y_m, is_seen) {
+                take(index);
+            }
+        }
+    }
+
     /// Makes ready for beams from a place; where it is the one of the last sweep this does nothing.
     #[expect(
         clippy::cast_possible_truncation,
@@ -279,7 +321,8 @@ impl Mapper {
             sectors_a_quadrant,
             bins,
         };
-        if self
+        let view = &mut self.views[self.sensor];
+        if view
             .beams
             .as_ref()
             .is_some_and(|beams| beams.polar == polar)
@@ -287,16 +330,17 @@ impl Mapper {
             return;
         }
         let spec = &self.config.spec;
-        self.cell_places = (0..spec.len())
+        view.is_ground.resize(spec.len(), false);
+        view.cell_places = (0..spec.len())
             .map(|index| {
                 let (x_m, y_m) = spec.centre_of(spec.cell_of_index(index));
                 let (sector, bin, _) = polar.locate(x_m as f32, y_m as f32);
                 (sector as u16, bin as u16)
             })
             .collect();
-        self.beams = Some(Beams::new(polar));
-        self.ground = Some(Ground::new(&polar));
-        self.sweep.lowest_slope = vec![f32::INFINITY; polar.len()];
+        view.beams = Some(Beams::new(polar));
+        view.ground = Some(Ground::new(&polar));
+        view.lowest_slope = vec![f32::INFINITY; polar.len()];
     }
 
     /// Keeps the points that are not the vehicle's own, each with its sector and bin.
@@ -305,11 +349,12 @@ impl Mapper {
         reason = "sectors, bins and configured lengths are limited"
     )]
     fn locate(&mut self, points: &[Point], sensor: Point) {
-        let Some(beams) = &self.beams else { return };
-        let (polar, own, sweep) = (beams.polar, self.own, &mut self.sweep);
+        let view = &mut self.views[self.sensor];
+        let Some(beams) = &view.beams else { return };
+        let (polar, own, sweep) = (beams.polar, view.own, &mut self.sweep);
         sweep.points.clear();
         sweep.places.clear();
-        sweep.lowest_slope.fill(f32::INFINITY);
+        view.lowest_slope.fill(f32::INFINITY);
         let own_range_m = self.config.own_range_m as f32;
         for point in points.iter().filter(|point| !own.has(point[0], point[1])) {
             let (sector, bin, range_m) = polar.locate(point[0], point[1]);
@@ -318,7 +363,7 @@ impl Mapper {
                 continue;
             }
             let slope = up_m / range_m.max(f32::EPSILON);
-            let lowest = &mut sweep.lowest_slope[sector * polar.bins + bin];
+            let lowest = &mut view.lowest_slope[sector * polar.bins + bin];
             *lowest = lowest.min(slope);
             sweep.points.push(*point);
             sweep.places.push((sector as u16, bin as u16));
@@ -331,7 +376,8 @@ impl Mapper {
         reason = "configured lengths are small"
     )]
     fn find_returns(&mut self, sensor: Point) {
-        let (Some(beams), Some(ground)) = (&mut self.beams, &mut self.ground) else {
+        let view = &mut self.views[self.sensor];
+        let (Some(beams), Some(ground)) = (&mut view.beams, &mut view.ground) else {
             return;
         };
         let config = &self.config;
@@ -342,11 +388,11 @@ impl Mapper {
             &sweep.places,
             (sensor, config.max_slope as f32),
         );
-        beams.set_sweep(&mut sweep.lowest_slope, sensor[2], |sector, bin| {
+        beams.set_sweep(&mut view.lowest_slope, sensor[2], |sector, bin| {
             ground.height_m(ground.index(sector, bin))
         });
         let cells = CellFinder::of(&config.spec);
-        self.is_ground.fill(false);
+        view.is_ground.fill(false);
         sweep.extents_m.clear();
         sweep
             .extents_m
@@ -362,7 +408,7 @@ impl Mapper {
             {
                 let (low_m, high_m) = &mut sweep.extents_m[index];
                 (*low_m, *high_m) = (low_m.min(point[2]), high_m.max(point[2]));
-                self.is_ground[index] |= doubt_m == 0.0 && height_m < min_m;
+                view.is_ground[index] |= doubt_m == 0.0 && height_m < min_m;
             }
         }
         self.returns.clear();
@@ -388,8 +434,9 @@ impl Mapper {
 
     fn finish_sweep(&mut self) {
         self.evidence.add_returns(&self.returns);
-        if let Some(beams) = &self.beams {
-            let own = self.own;
+        let view = &self.views[self.sensor];
+        if let Some(beams) = &view.beams {
+            let own = view.own;
             self.evidence
                 .drop_stale(beams, |x_m, y_m| own.has(x_m, y_m));
         }

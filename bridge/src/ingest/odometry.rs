@@ -59,7 +59,7 @@ impl Fix {
 #[derive(Debug, Clone, Default)]
 pub struct Track {
     fixes: Vec<Fix>,
-    /// For each fix, the number of jumps up to it.
+    /// For each fix, the number of jumps and long pauses up to it.
     jumps: Vec<u32>,
     has_speed: bool,
 }
@@ -73,7 +73,7 @@ pub struct Moment {
     pub speed_m_per_s: f64,
     /// How fast the heading turns to the left, rad/s.
     pub turn_rad_per_s: f64,
-    /// Number of jumps of the odometry before this moment.
+    /// Number of jumps and long pauses of the odometry before this moment.
     pub jumps: u32,
     /// The first fix behind this moment.
     next: usize,
@@ -206,8 +206,10 @@ impl Track {
 fn is_jump(from: &Fix, to: &Fix) -> bool {
     let distance_m = from.odom_from_vehicle.distance_m(&to.odom_from_vehicle);
     let span_s = (to.nanos - from.nanos) as f64 / 1e9;
-    // Written so that a distance that is not finite counts as a jump.
-    !(distance_m <= JUMP_M || distance_m <= JUMP_M_PER_S * span_s)
+    // Written so that a distance that is not finite counts as a jump. Where it was during a long pause,
+    // nobody knows.
+    to.nanos - from.nanos > MAX_GAP_NANOS
+        || !(distance_m <= JUMP_M || distance_m <= JUMP_M_PER_S * span_s)
 }
 
 fn between(from: &Pose2, to: &Pose2, part: f64) -> Pose2 {

@@ -24,11 +24,21 @@ pub struct BeamEnd {
     pub is_hit: bool,
 }
 
+/// How the ranges of a sensor are meant.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct BeamConfig {
+    /// How far a beam that hit nothing clears, metres.
+    pub clear_m: f32,
+    /// Whether a range that is exactly the greatest one is a return.
+    pub is_limit_return: bool,
+}
+
 /// Where the beams of a scan ended.
 ///
-/// A range is a return if it is finite and within the scan's limits, both excluded: sensors that see
-/// nothing report their greatest range, or infinity. Such a beam is free up to `clear_m` or the
-/// greatest range, whichever is nearer. NaN, negative and too small ranges say nothing.
+/// A range is a return if it is finite and within the scan's limits. The least is excluded, and so is the
+/// greatest, unless the configuration says otherwise: sensors that see nothing report their greatest
+/// range, or infinity. Such a beam is free up to `clear_m` or the greatest range, whichever is nearer.
+/// NaN, negative and too small ranges say nothing.
 ///
 /// # Errors
 /// [`Error::InvalidMessage`] if angles are not finite, the increment is 0 or there are too many
@@ -36,7 +46,7 @@ pub struct BeamEnd {
 pub fn beams_of(
     scan: &LaserScan,
     vehicle_from_sensor: &Isometry3<f64>,
-    clear_m: f32,
+    config: &BeamConfig,
 ) -> Result<Vec<BeamEnd>, Error> {
     let invalid = |what: String| {
         Err(Error::InvalidMessage {
@@ -72,11 +82,12 @@ pub fn beams_of(
         .iter()
         .enumerate()
         .filter_map(|(index, &range_m)| {
-            let is_hit = range_m > least_m && range_m < most_m;
+            let is_limit = config.is_limit_return && range_m == most_m;
+            let is_hit = range_m > least_m && (range_m < most_m || is_limit);
             let length_m = if is_hit {
                 range_m
             } else if range_m >= most_m {
-                clear_m.min(most_m)
+                config.clear_m.min(most_m)
             } else {
                 return None;
             };
@@ -97,6 +108,52 @@ pub fn beams_of(
     Ok(ends.collect())
 }
 
+/// What the ranges of a topic's scans have in common, from which follows what the greatest one means.
+///
+/// There are two kinds of sensors. Some report their greatest range where they see nothing. Others report
+/// infinity or NaN there, or their drivers fill in the largest reading of each scan as its greatest
+/// range, which then is a return like any other.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct RangeHabits {
+    scans: u64,
+    /// Different greatest ranges, up to as many as matter.
+    limits_m: Vec<f32>,
+    has_none_mark: bool,
+    ranges: u64,
+    at_limit: u64,
+}
+
+/// Different greatest ranges from which on they are those of the scans, not of the sensor: a sensor may
+/// have another range in another mode.
+const MANY_LIMITS: usize = 3;
+/// One of so many ranges at the greatest one is more than there can be returns at just that distance.
+const FEW_AT_LIMIT: u64 = 20;
+
+impl RangeHabits {
+    pub(crate) fn add(&mut self, scan: &LaserScan) {
+        self.scans += 1;
+        if self.limits_m.len() < MANY_LIMITS && !self.limits_m.contains(&scan.range_max) {
+            self.limits_m.push(scan.range_max);
+        }
+        self.has_none_mark |= scan.ranges.iter().any(|range_m| !range_m.is_finite());
+        let at_limit = scan
+            .ranges
+            .iter()
+            .filter(|range_m| **range_m == scan.range_max);
+        self.at_limit += at_limit.count() as u64;
+        self.ranges += scan.ranges.len() as u64;
+    }
+
+    /// Whether a range that is exactly the greatest one is a return.
+    pub(crate) fn is_limit_return(&self) -> bool {
+        let differing = self.limits_m.len();
+        let is_of_scan =
+            differing >= MANY_LIMITS || (differing > 1 && differing as u64 == self.scans);
+        let is_rare = self.at_limit * FEW_AT_LIMIT <= self.ranges;
+        is_of_scan || (self.has_none_mark && is_rare)
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -104,6 +161,11 @@ mod tests {
     use nalgebra::{Translation3, UnitQuaternion};
     use proptest::prelude::*;
     use std::f32::consts::FRAC_PI_2;
+
+    const PLAIN: BeamConfig = BeamConfig {
+        clear_m: 8.0,
+        is_limit_return: false,
+    };
 
     fn scan(ranges: &[f32]) -> LaserScan {
         LaserScan {
@@ -121,7 +183,7 @@ mod tests {
     }
 
     fn read(scan: &LaserScan) -> Vec<BeamEnd> {
-        beams_of(scan, &Isometry3::identity(), 8.0).unwrap()
+        beams_of(scan, &Isometry3::identity(), &PLAIN).unwrap()
     }
 
     fn assert_ends(found: &[BeamEnd], wanted: &[(f32, f32, bool)]) {
@@ -153,6 +215,59 @@ mod tests {
         assert_ends(&read(&unlimited), &[(0.0, -50.0, true)]);
     }
 
+    fn habits(scans: &[(f32, [f32; 30])]) -> bool {
+        let mut habits = RangeHabits::default();
+        for (range_max, ranges) in scans {
+            habits.add(&LaserScan {
+                range_max: *range_max,
+                ..scan(ranges)
+            });
+        }
+        habits.is_limit_return()
+    }
+
+    fn ranges(most: f32, rest: f32) -> [f32; 30] {
+        let mut ranges = [rest; 30];
+        ranges[7] = most;
+        ranges
+    }
+
+    #[test]
+    fn the_greatest_range_is_a_return_where_it_is_the_largest_reading() {
+        let at_limit = BeamConfig {
+            is_limit_return: true,
+            ..PLAIN
+        };
+        let ends = beams_of(&scan(&[20.0]), &Isometry3::identity(), &at_limit).unwrap();
+        assert_ends(&ends, &[(0.0, -20.0, true)]);
+        // The sensor stands: the largest reading stays the same, beside infinity or NaN.
+        for none in [f32::INFINITY, f32::NAN] {
+            assert!(habits(&[
+                (8.0, ranges(8.0, none)),
+                (8.0, ranges(8.0, none))
+            ]));
+        }
+        // The sensor moves: the largest reading is another one in each scan.
+        assert!(habits(&[(8.0, ranges(8.0, 3.0)), (7.9, ranges(7.9, 3.0))]));
+    }
+
+    #[test]
+    fn a_fixed_greatest_range_means_that_nothing_was_seen() {
+        assert!(!habits(&[
+            (30.0, ranges(3.0, 30.0)),
+            (30.0, ranges(4.0, 30.0))
+        ]));
+        assert!(!habits(&[
+            (30.0, ranges(30.0, 3.0)),
+            (30.0, ranges(30.0, 4.0))
+        ]));
+        // Here infinity means something else, perhaps that there was no measurement.
+        assert!(!habits(&[(30.0, ranges(f32::INFINITY, 30.0)); 5]));
+        // Two modes of one sensor.
+        let [near, far] = [(30.0, ranges(3.0, 30.0)), (80.0, ranges(3.0, 80.0))];
+        assert!(!habits(&[near, near, far, far, near]));
+    }
+
     #[test]
     fn a_scanner_hung_upside_down_sees_left_and_right_the_right_way_round() {
         let hung = Isometry3::from_parts(
@@ -160,7 +275,7 @@ mod tests {
             UnitQuaternion::from_euler_angles(std::f64::consts::PI, 0.0, 0.0),
         );
         assert_ends(
-            &beams_of(&scan(&[1.0]), &hung, 8.0).unwrap(),
+            &beams_of(&scan(&[1.0]), &hung, &PLAIN).unwrap(),
             &[(1.0, 1.0, true)],
         );
     }
@@ -169,9 +284,9 @@ mod tests {
     fn a_scan_that_cannot_be_meant_is_an_error() {
         let mut bad = scan(&[1.0]);
         bad.angle_increment = 0.0;
-        assert!(beams_of(&bad, &Isometry3::identity(), 8.0).is_err());
+        assert!(beams_of(&bad, &Isometry3::identity(), &PLAIN).is_err());
         bad.angle_increment = f32::NAN;
-        assert!(beams_of(&bad, &Isometry3::identity(), 8.0).is_err());
+        assert!(beams_of(&bad, &Isometry3::identity(), &PLAIN).is_err());
     }
 
     proptest! {
@@ -182,7 +297,7 @@ mod tests {
             ranges in proptest::collection::vec(any::<f32>(), 0..40),
         ) {
             let scan = LaserScan { angle_min, angle_increment, range_min, range_max, ..scan(&ranges) };
-            if let Ok(ends) = beams_of(&scan, &Isometry3::identity(), 8.0) {
+            if let Ok(ends) = beams_of(&scan, &Isometry3::identity(), &PLAIN) {
                 prop_assert!(ends.iter().all(|end| end.x_m.is_finite() && end.y_m.is_finite()));
             }
         }

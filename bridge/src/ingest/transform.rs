@@ -46,6 +46,20 @@ impl TransformTree {
         true
     }
 
+    /// Whether a message says of a frame below the vehicle something else than what is known. What is
+    /// said of the vehicle itself is left to the odometry.
+    pub(crate) fn is_changed_by(&self, message: &TFMessage) -> bool {
+        const ABOVE: [&str; 4] = ["odom", "map", "world", "earth"];
+        message.transforms.iter().any(|stamped| {
+            let parent = normalised(&stamped.header.frame_id);
+            let known = self.links.get(normalised(&stamped.child_frame_id));
+            let is_known = known.is_some_and(|(before, transform)| {
+                before == parent && isometry_of(&stamped.transform).as_ref() == Some(transform)
+            });
+            !is_known && !ABOVE.contains(&parent)
+        })
+    }
+
     /// `target_from_source`, or `None` if the two frames are not in one tree.
     pub fn lookup(&self, target: &str, source: &str) -> Option<Isometry3<f64>> {
         let (target, source) = (normalised(target), normalised(source));

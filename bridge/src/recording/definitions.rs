@@ -10,19 +10,22 @@ use super::record::{ChannelRecord, MessageRecord, SchemaRecord, op};
 /// Most bytes that all schemas and topics of a recording may have together.
 const MOST_DEFINITION_BYTES: usize = 64 * 1024 * 1024;
 
+/// What each file of a log has named, by the number of the file.
+pub(crate) type DefinitionsByFile = BTreeMap<u32, Definitions>;
+
 /// The schemas and topics that a recording has named so far.
-#[derive(Debug, Default)]
-pub(super) struct Definitions {
+#[derive(Debug, Clone, Default)]
+pub(crate) struct Definitions {
     schemas: BTreeMap<u16, Schema>,
     channels: BTreeMap<u16, Arc<Channel>>,
     bytes: usize,
 }
 
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 struct Schema {
     name: String,
     encoding: String,
-    data: Vec<u8>,
+    data: Arc<[u8]>,
 }
 
 impl Definitions {
@@ -73,14 +76,14 @@ impl Definitions {
         let name = full_type_name(schema.name);
         // Some writers repeat what they said in every chunk.
         let known = self.schemas.get(&schema.id).is_some_and(|known| {
-            known.name == name && known.encoding == schema.encoding && known.data == schema.data
+            known.name == name && known.encoding == schema.encoding && *known.data == *schema.data
         });
         if !known {
             self.count_bytes(len)?;
             let copy = Schema {
                 name,
                 encoding: schema.encoding.to_owned(),
-                data: schema.data.to_vec(),
+                data: schema.data.into(),
             };
             self.schemas.insert(schema.id, copy);
         }
@@ -110,7 +113,7 @@ impl Definitions {
                 type_name: schema.map_or("", |schema| &schema.name).into(),
                 encoding: record.encoding.to_owned(),
                 schema_encoding: schema.map_or_else(String::new, |schema| schema.encoding.clone()),
-                schema: schema.map_or_else(Vec::new, |schema| schema.data.clone()),
+                schema: schema.map_or_else(Vec::new, |schema| schema.data.to_vec()),
                 metadata: record.metadata,
             };
             self.count_bytes(len + channel.schema.len())?;

@@ -7,7 +7,8 @@ use std::sync::Arc;
 
 use serde::Serialize;
 
-use super::reader::Reader;
+use super::log::Log;
+use super::times::LogTimes;
 use crate::Error;
 
 const NANOS_PER_S: f64 = 1e9;
@@ -21,14 +22,20 @@ pub struct Info {
     pub bytes: u64,
     /// Messages that can be read.
     pub messages: u64,
-    /// Log time of the first message, nanoseconds since the Unix epoch; 0 without messages.
+    /// Earliest log time that is one, nanoseconds since the Unix epoch; 0 without messages.
     pub first_log_nanos: u64,
-    /// Log time of the last message, nanoseconds since the Unix epoch; 0 without messages.
+    /// Latest log time, nanoseconds since the Unix epoch; 0 without messages.
     pub last_log_nanos: u64,
+    /// Messages without a time: their log time is 0, or from before the clock was set to a date.
+    pub untimed: u64,
     /// Time between the two.
     pub duration_s: f64,
     /// Every topic with messages, by name.
     pub topics: Vec<TopicInfo>,
+    /// Files of the log, if it is a folder of several.
+    pub files: Vec<PathBuf>,
+    /// What is odd about the folder.
+    pub warnings: Vec<String>,
     /// Why reading ended before the end of the file, if it did.
     pub damage: Option<String>,
 }
@@ -46,7 +53,8 @@ pub struct TopicInfo {
     pub messages: u64,
     /// Size of all messages, before compression.
     pub payload_bytes: u64,
-    /// Messages a second between the topic's first and last; 0 with fewer than two.
+    /// Messages a second between the topic's earliest and latest that have a time; 0 with fewer
+    /// than two.
     pub rate_hz: f64,
 }
 
@@ -55,11 +63,10 @@ struct Tally {
     encoding: String,
     messages: u64,
     payload_bytes: u64,
-    first_nanos: u64,
-    last_nanos: u64,
+    times: LogTimes,
 }
 
-/// Reads a recording to its end and tells what is in it.
+/// Reads a recording, or a rosbag2 folder, to its end and tells what is in it.
 ///
 /// `progress` is told of the bytes done and of all bytes.
 ///
@@ -68,7 +75,8 @@ struct Tally {
 /// told in [`Info::damage`].
 pub fn info(path: impl AsRef<Path>, progress: &mut dyn FnMut(u64, u64)) -> Result<Info, Error> {
     let path = path.as_ref();
-    let mut reader = Reader::open(path)?;
+    let log = Log::open(path)?;
+    let mut reader = log.reader()?;
     let mut tallies: BTreeMap<(Arc<str>, Arc<str>), Tally> = BTreeMap::new();
     let mut damage = None;
     while let Some(message) = reader.next() {
@@ -86,36 +94,44 @@ pub fn info(path: impl AsRef<Path>, progress: &mut dyn FnMut(u64, u64)) -> Resul
                 encoding: message.channel.encoding.clone(),
                 messages: 0,
                 payload_bytes: 0,
-                first_nanos: u64::MAX,
-                last_nanos: 0,
+                times: LogTimes::default(),
             });
         tally.messages += 1;
         tally.payload_bytes += u64::try_from(message.payload.len()).unwrap_or(0);
-        tally.first_nanos = tally.first_nanos.min(message.log_nanos);
-        tally.last_nanos = tally.last_nanos.max(message.log_nanos);
+        tally.times.add(message.log_nanos);
         progress(reader.position_bytes(), reader.len_bytes());
     }
-    let first_log_nanos = tallies.values().map(|tally| tally.first_nanos).min();
-    let first_log_nanos = first_log_nanos.unwrap_or(0);
-    let last_log_nanos = tallies.values().map(|tally| tally.last_nanos).max();
-    let last_log_nanos = last_log_nanos.unwrap_or(0);
+    let mut times = LogTimes::default();
+    for tally in tallies.values() {
+        times.merge(&tally.times);
+    }
+    let least = times.least();
+    let (first_log_nanos, last_log_nanos) = times.span(least).unwrap_or((0, 0));
+    let topics = tallies.into_iter();
     Ok(Info {
         path: path.to_owned(),
         bytes: reader.len_bytes(),
-        messages: tallies.values().map(|tally| tally.messages).sum(),
+        messages: times.messages(),
         first_log_nanos,
         last_log_nanos,
+        untimed: times.messages() - times.timed(least),
         duration_s: (last_log_nanos - first_log_nanos) as f64 / NANOS_PER_S,
-        topics: tallies.into_iter().map(TopicInfo::from).collect(),
+        topics: topics.map(|topic| TopicInfo::new(topic, least)).collect(),
+        files: match log.files() {
+            [_] => Vec::new(),
+            files => files.to_vec(),
+        },
+        warnings: log.warnings().to_vec(),
         damage,
     })
 }
 
-impl From<((Arc<str>, Arc<str>), Tally)> for TopicInfo {
-    fn from(((topic, type_name), tally): ((Arc<str>, Arc<str>), Tally)) -> Self {
-        let span_s = (tally.last_nanos - tally.first_nanos) as f64 / NANOS_PER_S;
+impl TopicInfo {
+    fn new(((topic, type_name), tally): ((Arc<str>, Arc<str>), Tally), least: u64) -> Self {
+        let span = tally.times.span(least);
+        let span_s = span.map_or(0.0, |(first, last)| (last - first) as f64 / NANOS_PER_S);
         let rate_hz = if span_s > 0.0 {
-            (tally.messages - 1) as f64 / span_s
+            (tally.times.timed(least) - 1) as f64 / span_s
         } else {
             0.0
         };
@@ -151,6 +167,20 @@ impl fmt::Display for Info {
                 "  {:topic_width$}  {:type_width$}  {:>9} messages  {:>9.2} Hz  {:>12} bytes",
                 topic.topic, topic.type_name, topic.messages, topic.rate_hz, topic.payload_bytes
             )?;
+        }
+        if self.untimed > 0 {
+            writeln!(
+                formatter,
+                "  {} of the messages have no log time (0, or from before the clock was set): the time \
+                 counts from the first that has one",
+                self.untimed
+            )?;
+        }
+        for file in &self.files {
+            writeln!(formatter, "  file: {}", file.display())?;
+        }
+        for warning in &self.warnings {
+            writeln!(formatter, "  warning: {warning}")?;
         }
         if let Some(damage) = &self.damage {
             writeln!(formatter, "  damaged: {damage}")?;

@@ -7,6 +7,7 @@ use super::channel::{CDR, Channel};
 use crate::Error;
 use crate::cdr;
 use crate::msg::Message;
+use crate::msg::header::Header;
 
 /// A message of a recording, still encoded.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -27,7 +28,20 @@ pub struct RawMessage {
     pub channel: Arc<Channel>,
     /// Byte of the file at which the message's record, or the chunk that holds it, begins.
     pub offset: u64,
+    /// Number of the message within the chunk that begins at the offset.
+    pub(super) number: u32,
+    /// Number of the file, where a log has several.
+    pub(super) part: u32,
     path: Arc<Path>,
+}
+
+/// Where a message is in its file.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct Place {
+    /// Byte of the file at which the message's record, or the chunk that holds it, begins.
+    pub(super) offset: u64,
+    /// Number of the message within the chunk.
+    pub(super) number: u32,
 }
 
 impl RawMessage {
@@ -43,14 +57,46 @@ impl RawMessage {
                 M::TYPE_NAME
             )));
         }
-        if self.channel.encoding != CDR {
-            return Err(self.bad(&format!(
-                "messages encoded as {:?}, expected {CDR}",
-                self.channel.encoding
-            )));
+        self.check_encoding()
+            .and_then(|()| {
+                cdr::from_slice(&self.payload)
+                    .map_err(|error| format!("not a {}: {error}", M::TYPE_NAME))
+            })
+            .map_err(|what| self.bad(&what))
+    }
+
+    /// Decodes the header that a message of many types begins with.
+    pub(crate) fn header(&self) -> Result<Header, Error> {
+        self.check_encoding()
+            .and_then(|()| {
+                cdr::beginning_of(&self.payload)
+                    .map_err(|error| format!("not a {}: {error}", self.type_name))
+            })
+            .map_err(|what| self.bad(&what))
+    }
+
+    /// The error says how the message is encoded or packed instead, and what to do.
+    fn check_encoding(&self) -> Result<(), String> {
+        let encoding = self.channel.encoding.as_str();
+        if encoding != CDR {
+            let advice = match encoding {
+                "ros1" => "convert the recording to ROS 2, for example with rosbags-convert",
+                _ => "record it through ROS 2, or convert it",
+            };
+            return Err(format!(
+                "messages encoded as {encoding:?}, expected {CDR:?}: {advice}"
+            ));
         }
-        cdr::from_slice(&self.payload)
-            .map_err(|error| self.bad(&format!("not a {}: {error}", M::TYPE_NAME)))
+        let packed = match self.payload.first_chunk() {
+            Some([0x28, 0xb5, 0x2f, 0xfd]) => "zstd",
+            Some([0x04, 0x22, 0x4d, 0x18]) => "lz4",
+            _ => return Ok(()),
+        };
+        Err(format!(
+            "each message is compressed with {packed} by itself, which the file does not say: give the \
+             rosbag2 folder with its metadata.yaml (compression_mode MESSAGE, compression_format zstd), \
+             or record with compression_mode FILE or NONE"
+        ))
     }
 
     fn bad(&self, what: &str) -> Error {
@@ -72,7 +118,7 @@ pub(super) struct Found {
 }
 
 impl Found {
-    pub(super) fn at(self, offset: u64, path: &Arc<Path>) -> RawMessage {
+    pub(super) fn at(self, place: Place, path: &Arc<Path>) -> RawMessage {
         RawMessage {
             topic: Arc::clone(&self.channel.topic),
             type_name: Arc::clone(&self.channel.type_name),
@@ -81,7 +127,9 @@ impl Found {
             publish_nanos: self.publish_nanos,
             payload: self.payload,
             channel: self.channel,
-            offset,
+            offset: place.offset,
+            number: place.number,
+            part: 0,
             path: Arc::clone(path),
         }
     }

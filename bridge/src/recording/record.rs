@@ -161,28 +161,44 @@ impl<'a> MessageRecord<'a> {
 }
 
 /// The part of a chunk record before the records in it.
-#[derive(Debug)]
-pub(super) struct ChunkRecord<'a> {
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(super) struct ChunkHead {
     pub(super) unpacked_len: u64,
-    pub(super) compression: &'a str,
-    pub(super) packed: &'a [u8],
+    /// Of the unpacked records; 0 if there is none.
+    pub(super) checksum: u32,
+    pub(super) compression: String,
+    pub(super) packed_len: u64,
+    /// Bytes of this part.
+    pub(super) head_len: u64,
 }
 
-impl<'a> ChunkRecord<'a> {
-    pub(super) fn parse(body: &'a [u8]) -> Result<Self, String> {
+/// Most bytes of a chunk's head: it is as long as the name of its compression makes it.
+pub(super) const MOST_CHUNK_HEAD_BYTES: usize = LEAST_CHUNK_HEAD_BYTES + 32;
+/// Fewest bytes of a chunk's head.
+pub(super) const LEAST_CHUNK_HEAD_BYTES: usize = 40;
+
+impl ChunkHead {
+    /// Bytes of this part and of the packed records.
+    pub(super) const fn len(&self) -> u64 {
+        self.head_len.saturating_add(self.packed_len)
+    }
+
+    /// Reads it from the first bytes of a chunk's body.
+    pub(super) fn parse(body: &[u8]) -> Result<Self, String> {
         let mut fields = Fields::new(body);
         fields.u64("start time of a chunk")?;
         fields.u64("end time of a chunk")?;
         let unpacked_len = fields.u64("uncompressed size of a chunk")?;
-        fields.u32("checksum of a chunk")?;
-        let compression = fields.text("compression of a chunk")?;
+        let checksum = fields.u32("checksum of a chunk")?;
+        let compression = fields.text("compression of a chunk")?.to_owned();
         let packed_len = fields.u64("size of a chunk")?;
-        let packed_len = usize::try_from(packed_len).unwrap_or(usize::MAX);
-        let packed = fields.take(packed_len, "chunk")?;
+        let head_len = body.len() - fields.rest().len();
         Ok(Self {
             unpacked_len,
+            checksum,
             compression,
-            packed,
+            packed_len,
+            head_len: u64::try_from(head_len).unwrap_or(u64::MAX),
         })
     }
 }

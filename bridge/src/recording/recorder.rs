@@ -12,6 +12,7 @@ use std::time::{Duration, Instant};
 
 use serde::Serialize;
 
+use super::claim::Existing;
 use super::writer::{Stamps, Writer};
 use crate::Error;
 use crate::keys::{self, Qos};
@@ -31,8 +32,10 @@ const STAMP: std::ops::Range<usize> = 4..12;
 /// What to record, and where to.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct RecordOptions {
-    /// The file, which is created or emptied.
+    /// The file, which is created.
     pub path: PathBuf,
+    /// What becomes of a file that is there already.
+    pub existing: Existing,
     /// Beginnings of the keys that are recorded, for example `swath/vehicle/`; empty for all.
     pub keys: Vec<String>,
 }
@@ -134,9 +137,10 @@ impl Recorder {
     /// Subscribes to every topic of swath and begins to write.
     ///
     /// # Errors
-    /// [`Error::Io`] if the file cannot be written, [`Error::Network`] if the session is closed.
+    /// [`Error::Exists`] if the file is there and must stay, [`Error::Io`] if it cannot be written,
+    /// [`Error::Network`] if the session is closed.
     pub async fn start(session: &Session, options: &RecordOptions) -> Result<Self, Error> {
-        let writer = Writer::create(&options.path)?;
+        let writer = Writer::create_with(&options.path, options.existing)?;
         let shared = Arc::new(Shared::default());
         let (sender, receiver) = sync_channel(MOST_QUEUED);
         let intake: Arc<dyn Inbox> = Arc::new(Intake {

@@ -290,7 +290,7 @@ fn recovering_a_whole_recording_loses_nothing() {
     let dir = TempDir::new().unwrap();
     let [input, output] = ["a", "b"].map(|name| dir.path().join(name));
     record(&input, 300, 20_000_000);
-    let report = recover(&input, &output, &mut quiet).unwrap();
+    let report = recover(&input, &output, Existing::Refuse, &mut quiet).unwrap();
     assert_eq!(report.messages, 300);
     assert_eq!((report.messages_lost, report.bytes_lost), (0, 0));
     assert!(report.damage.is_empty(), "{report:?}");
@@ -299,7 +299,7 @@ fn recovering_a_whole_recording_loses_nothing() {
         std::fs::read(output).unwrap()
     );
     let same = dir.path().join("b");
-    assert!(recover(&same, &same, &mut quiet).is_err());
+    assert!(recover(&same, &same, Existing::Replace, &mut quiet).is_err());
 }
 
 #[test]
@@ -313,7 +313,7 @@ fn a_damaged_chunk_costs_its_own_messages_only_and_they_are_counted() {
     let at = chunk_at(&bytes) + 300;
     bytes[at] ^= 1;
     std::fs::write(&input, &bytes).unwrap();
-    let report = recover(&input, &output, &mut quiet).unwrap();
+    let report = recover(&input, &output, Existing::Refuse, &mut quiet).unwrap();
     assert!(report.messages_lost > 0);
     assert_eq!(report.messages + report.messages_lost, 50);
     assert_eq!(report.damage.len(), 1, "{report:?}");
@@ -341,7 +341,7 @@ proptest! {
         let dir = TempDir::new().unwrap();
         let [input, output] = ["a", "b"].map(|name| dir.path().join(name));
         std::fs::write(&input, &bytes[..len]).unwrap();
-        let Ok(report) = recover(&input, &output, &mut quiet) else {
+        let Ok(report) = recover(&input, &output, Existing::Refuse, &mut quiet) else {
             // So little is left that it is no recording.
             prop_assert!(readable.is_empty() && len < 60);
             return Ok(());
@@ -372,7 +372,7 @@ proptest! {
         let dir = TempDir::new().unwrap();
         let [input, output] = ["a", "b"].map(|name| dir.path().join(name));
         std::fs::write(&input, &bytes).unwrap();
-        if let Ok(report) = recover(&input, &output, &mut quiet) {
+        if let Ok(report) = recover(&input, &output, Existing::Refuse, &mut quiet) {
             let (saved, error) = read(&std::fs::read(&output).unwrap());
             prop_assert!(error.is_none(), "{error:?}");
             prop_assert_eq!(u64::try_from(saved.len()).unwrap(), report.messages);

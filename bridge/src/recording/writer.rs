@@ -10,6 +10,7 @@ use mcap::records::MessageHeader;
 use mcap::{Compression, McapError, WriteOptions};
 
 use super::channel::Channel;
+use super::claim::{self, Existing};
 use super::message::RawMessage;
 use crate::Error;
 use crate::cdr;
@@ -55,17 +56,22 @@ impl std::fmt::Debug for Writer {
 }
 
 impl Writer {
-    /// Creates the file, or empties it.
+    /// Creates the file, which must not be there.
     ///
     /// # Errors
-    /// [`Error::Io`] if it cannot be written.
+    /// [`Error::Exists`] if it is there, [`Error::Io`] if it cannot be written.
     pub fn create(path: impl AsRef<Path>) -> Result<Self, Error> {
+        Self::create_with(path, Existing::Refuse)
+    }
+
+    /// Creates the file, which may be there if it is to be replaced. Nobody else can write it as long
+    /// as this writer lives.
+    ///
+    /// # Errors
+    /// [`Error::Exists`] if it is there and must stay, [`Error::Io`] if it cannot be written.
+    pub fn create_with(path: impl AsRef<Path>, existing: Existing) -> Result<Self, Error> {
         let path = path.as_ref().to_owned();
-        let io = |source| Error::Io {
-            path: path.clone(),
-            source,
-        };
-        let file = File::create(&path).map_err(io)?;
+        let file = claim::create(&path, existing)?;
         let out = WriteOptions::new()
             .profile("ros2")
             .library(concat!("swath ", env!("CARGO_PKG_VERSION")))
@@ -232,7 +238,11 @@ impl Writer {
         let file = buffer
             .into_inner()
             .map_err(|error| io(error.into_error()))?;
-        file.sync_all().map_err(io)
+        match file.sync_all() {
+            // Pipes and devices cannot be synchronised.
+            Err(error) if error.kind() == std::io::ErrorKind::InvalidInput => Ok(()),
+            synced => synced.map_err(io),
+        }
     }
 
     fn declare(&mut self, channel: &Channel) -> Result<u16, Error> {

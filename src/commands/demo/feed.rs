@@ -36,19 +36,22 @@ pub(super) enum Feed {
 
 impl Feed {
     /// Frames of logs, or of a simulated drive without any.
-    pub(super) fn open(logs: &[PathBuf], config: &Config) -> anyhow::Result<Self> {
+    pub(super) fn open(
+        logs: &[PathBuf],
+        of_logs: ingest::IngestConfig,
+        config: &Config,
+    ) -> anyhow::Result<Self> {
         if logs.is_empty() {
             let generator = Generator::new(config.generator(), Scenes::Procedural)?;
             return Ok(Self::Drive(Box::new(Drive::new(Arc::new(generator), SEED))));
         }
-        let config = config.ingest();
         // A log that cannot be read is an error now, not when its turn comes.
         for log in logs {
-            drop(ingest::frames(log, &config)?);
+            drop(ingest::frames(log, &of_logs)?);
         }
         Ok(Self::Logs {
             logs: logs.to_vec(),
-            config: Box::new(config),
+            config: Box::new(of_logs),
         })
     }
 

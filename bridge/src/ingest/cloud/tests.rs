@@ -174,10 +174,42 @@ fn what_does_not_fit_is_named() {
     assert!(spoilt(&|c| c.fields[1].datatype = 9).contains("datatype 9"));
     assert!(spoilt(&|c| c.fields[1].offset = u32::MAX).contains("ends at byte 4294967299"));
     assert!(spoilt(&|c| c.point_step = 3).contains("of a point of 3 bytes"));
-    assert!(spoilt(&|c| c.row_step = 1).contains("row_step 1"));
     assert!(spoilt(&|c| c.data.truncate(40)).contains("need 64 bytes, found 40"));
     assert!(spoilt(&|c| (c.width, c.height) = (u32::MAX, u32::MAX)).contains("at most"));
-    assert!(spoilt(&|c| c.width = 1_000_000).contains("row_step"));
+    assert!(spoilt(&|c| c.width = 1_000_000).contains("need 32000000 bytes, found 64"));
+}
+
+#[test]
+fn the_length_of_the_data_decides_where_row_step_is_wrong() {
+    let good = cloud(&POINTS, Form { rows: 2, ..PLAIN });
+    assert_eq!(oddity_of(&good), None);
+    let whole = u32::try_from(good.data.len()).unwrap();
+    for row_step in [0, 1, 7, whole, whole + 1, u32::MAX] {
+        let mut odd = good.clone();
+        odd.row_step = row_step;
+        assert_eq!(read(&odd).unwrap(), READ, "{row_step}");
+        let said = oddity_of(&odd).unwrap();
+        assert!(
+            said.contains(&format!("row_step is {row_step}, expected")),
+            "{said}"
+        );
+    }
+    // Rows that are padded say so, or their number tells.
+    let padded = Form {
+        rows: 2,
+        row_padding: 6,
+        ..PLAIN
+    };
+    let mut odd = cloud(&POINTS, padded);
+    assert_eq!(
+        (read(&odd).unwrap(), oddity_of(&odd)),
+        (READ.to_vec(), None)
+    );
+    for row_step in [0, u32::MAX] {
+        odd.row_step = row_step;
+        assert_eq!(read(&odd).unwrap(), READ);
+        assert!(oddity_of(&odd).is_some());
+    }
 }
 
 #[test]
