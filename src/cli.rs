@@ -7,6 +7,7 @@ mod generate;
 mod log;
 mod plan;
 mod train;
+mod values;
 
 use std::path::PathBuf;
 
@@ -43,7 +44,12 @@ A network is opened explicitly:
   swath --listen tcp/0.0.0.0:7447 train --out runs/fleet
   swath --connect tcp/trainer.local:7447 generate
 
-Exit codes: 0 success, 1 failure, 2 wrong usage, 3 data were lost."
+Exit codes:
+  0  success
+  1  failure, also of a file or a configuration that cannot be used
+  2  wrong usage, also a value that is out of range
+  3  data were lost
+  4  nothing was solved"
 )]
 pub(crate) struct Cli {
     /// TOML file of vehicle, grid and settings that nodes share
@@ -71,7 +77,7 @@ pub(crate) struct NetworkOptions {
     #[arg(long, global = true, value_name = "ENDPOINT")]
     pub(crate) connect: Vec<String>,
     /// Prefix of all keys, to keep systems apart
-    #[arg(long, global = true, value_name = "NAME")]
+    #[arg(long, global = true, value_name = "NAME", value_parser = values::namespace)]
     pub(crate) namespace: Option<String>,
     /// zenoh configuration file (JSON5); `ZENOH_CONFIG` names one too
     #[arg(long, global = true, value_name = "FILE")]

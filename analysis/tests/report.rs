@@ -222,6 +222,27 @@ fn evaluations_of_the_same_add_up_once() {
 }
 
 #[test]
+fn the_papers_miou_stands_beside_enough_samples_only() {
+    for (samples, is_shown) in [(199, false), (200, true)] {
+        let directory = tempfile::tempdir().unwrap();
+        let file = write(directory.path(), "run.mcap", |writer| {
+            let mut message = recordings::evaluation("enet", 1, [80, 100, 90, 100]);
+            message.samples = samples;
+            writer
+                .write(&keys::evaluation("r1"), &message, 1, 1)
+                .unwrap();
+        });
+        let summary = report_of(&[file], &directory.path().join("out")).unwrap();
+        let text = fs::read_to_string(directory.path().join("out/report.md")).unwrap();
+        assert_eq!(text.contains("| paper |"), is_shown, "{text}");
+        assert_eq!(text.contains("too uncertain to compare"), !is_shown);
+        let said = summary.lines().join("\n");
+        assert_eq!(said.contains("the paper: mIoU 90.19 %"), is_shown, "{said}");
+        assert_eq!(said.contains("too few, it takes 200"), !is_shown, "{said}");
+    }
+}
+
+#[test]
 fn samples_are_counted_with_their_gaps_and_rates() {
     let directory = tempfile::tempdir().unwrap();
     let summary = report_of_both(directory.path());

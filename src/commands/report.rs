@@ -7,7 +7,7 @@ use swath_bridge::recording::distinct;
 
 use crate::cli::ReportOptions;
 use crate::output::{self, Failure};
-use crate::progress;
+use crate::{outputs, progress};
 
 /// Runs the command.
 pub(crate) fn run(options: &ReportOptions) -> Result<(), Failure> {
@@ -28,6 +28,7 @@ pub(crate) fn run(options: &ReportOptions) -> Result<(), Failure> {
 
 /// Writes the report of recordings into a directory.
 pub(crate) fn write(recordings: &[PathBuf], out: &Path) -> anyhow::Result<Summary> {
+    outputs::test_folder(out)?;
     let distinct = distinct(recordings)?;
     for (path, first) in &distinct.repeated {
         tracing::warn!(

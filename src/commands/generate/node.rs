@@ -8,6 +8,7 @@ use swath_generator::Generator;
 use swath_generator::node::{self, NodeConfig};
 
 use crate::cli::{GenerateOptions, NetworkOptions};
+use crate::human;
 use crate::output::{self, Failure};
 use crate::progress;
 use crate::runtime::{stop_signal, with_session};
@@ -44,10 +45,10 @@ pub(super) fn run(
         .context("generator node")
     })?;
     bar.finish_and_clear();
-    let rate = summary.published as f64 / started.elapsed().as_secs_f64();
     output::line(format_args!(
-        "published {} samples, {rate:.1} a second",
-        summary.published
+        "published {} samples, {} a second",
+        summary.published,
+        human::rate_of(summary.published, started.elapsed())
     ))?;
     Ok(())
 }

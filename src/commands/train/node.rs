@@ -10,6 +10,7 @@ use swath_trainer::node::{self, NodeConfig};
 use super::make_directory;
 use crate::cli::{NetworkOptions, TrainOptions};
 use crate::config::Config;
+use crate::human;
 use crate::output::{self, Failure};
 use crate::progress;
 use crate::runtime::{stop_signal, with_session};
@@ -31,12 +32,17 @@ pub(super) fn run(
         grid: config.grid,
         vehicle: config.vehicle,
         directory: Some(options.out.clone()),
-        publish_every_steps: options.publish_every.max(1),
+        publish_every_steps: options.publish_every,
         replay_capacity: options.keep,
         ..NodeConfig::new(
             &options.run,
             load_or_create_key(&options.out.join(KEY_FILE))?,
         )
+    };
+    // With less to keep than it waits for, the first step would never come.
+    let node_config = NodeConfig {
+        first_samples: node_config.first_samples.min(options.keep),
+        ..node_config
     };
     let bar = progress::spinner("trainer");
     bar.set_message("waits for samples");
@@ -44,8 +50,11 @@ pub(super) fn run(
         let observe = |status: &TrainStatus| {
             bar.set_position(status.step);
             bar.set_message(format!(
-                "steps, {} samples, loss {:.3}, mIoU {:.3}, weights v{}",
-                status.received, status.loss, status.miou, status.weights_version
+                "steps, {} samples, loss {}, mIoU {}, weights v{}",
+                human::count(status.received),
+                human::decimal(status.loss.into(), 3),
+                human::decimal(status.miou.into(), 3),
+                status.weights_version
             ));
         };
         node::run(&session, node_config, stop_signal(), observe)
@@ -55,6 +64,7 @@ pub(super) fn run(
     bar.finish_and_clear();
     let miou = summary
         .miou
+        .filter(|miou| miou.is_finite())
         .map_or_else(|| "not scored".to_owned(), |miou| format!("{miou:.4}"));
     output::line(format_args!(
         "{} steps, weights v{} (mIoU {miou}) in {}",
