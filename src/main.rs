@@ -6,6 +6,7 @@ mod config;
 mod network;
 mod output;
 mod progress;
+mod reporter;
 mod runtime;
 
 use std::process::ExitCode;

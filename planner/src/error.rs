@@ -40,6 +40,12 @@ pub enum Error {
         /// Targets that there are.
         goals: usize,
     },
+    /// A part of the node panicked.
+    #[error("the node panicked: {what}")]
+    Panicked {
+        /// What the panic said.
+        what: String,
+    },
     /// A setting of following paths is out of its range.
     #[error("follow.{field} is {value}, expected 0 to {most}")]
     FollowConfig {

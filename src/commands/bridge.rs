@@ -1,18 +1,20 @@
 //! `swath bridge`: recordings and logs.
 
 use std::path::Path;
+use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
 use anyhow::Context;
-use indicatif::ProgressBar;
+use indicatif::{HumanBytes, ProgressBar};
 use swath_bridge::WeightsStore;
 use swath_bridge::ingest::{Progress, write_grids};
-use swath_bridge::recording::{self, RecordOptions, Recorder};
+use swath_bridge::recording::{self, RecordCounts, RecordOptions, Recorder};
 
 use crate::cli::{BridgeCommand, GridsOptions, NetworkOptions, ReplayOptions};
 use crate::config::Config;
 use crate::output::{self, Failure};
 use crate::progress;
+use crate::reporter::Reporter;
 use crate::runtime::{stop_signal, with_session};
 
 /// Time between two looks at a recorder.
@@ -34,13 +36,18 @@ pub(crate) fn run(
 }
 
 fn record(out: &Path, seconds: Option<u64>, network: &NetworkOptions) -> Result<(), Failure> {
-    let bar = progress::spinner("recorder");
+    let name = out
+        .file_stem()
+        .map_or_else(String::new, |stem| stem.to_string_lossy().into());
+    let recorded = Arc::new(Mutex::new(RecordCounts::default()));
+    let reporter = Reporter::start("recorder", &name, standing(&recorded));
     let options = RecordOptions {
         path: out.to_owned(),
         keys: Vec::new(),
     };
     let counts = with_session(network, async |session| {
         let recorder = Recorder::start(&session, &options).await?;
+        let _token = session.declare_node("recorder", &key_part(&name)).await?;
         // Late planners get the newest weights from here when their trainer is gone.
         let _store = WeightsStore::open(&session, &out.with_extension("weights"), &[]).await?;
         let end = async {
@@ -53,9 +60,7 @@ fn record(out: &Path, seconds: Option<u64>, network: &NetworkOptions) -> Result<
             let mut looks = tokio::time::interval(LOOK_EVERY);
             while recorder.is_running() {
                 looks.tick().await;
-                let counts = recorder.counts();
-                bar.set_position(counts.written);
-                bar.set_message(format!("messages, {} MB", counts.written_bytes / 1_000_000));
+                *recorded.lock().unwrap_or_else(PoisonError::into_inner) = recorder.counts();
             }
         };
         tokio::select! {
@@ -65,13 +70,13 @@ fn record(out: &Path, seconds: Option<u64>, network: &NetworkOptions) -> Result<
         }
         Ok(recorder.finish().await?)
     })?;
-    bar.finish_and_clear();
-    output::line(format_args!(
-        "{} messages ({} MB) written to {}",
+    drop(reporter);
+    output::note(format_args!(
+        "{} messages ({}) written to {}",
         counts.written,
-        counts.written_bytes / 1_000_000,
+        HumanBytes(counts.written_bytes),
         out.display()
-    ))?;
+    ));
     let lost = counts.dropped + counts.missed;
     if lost > 0 {
         return Err(Failure::DataLost(format!(
@@ -80,6 +85,37 @@ fn record(out: &Path, seconds: Option<u64>, network: &NetworkOptions) -> Result<
         )));
     }
     Ok(())
+}
+
+/// How the recorder does, in a line.
+fn standing(recorded: &Arc<Mutex<RecordCounts>>) -> impl FnMut() -> String + Send + 'static {
+    let recorded = Arc::clone(recorded);
+    move || {
+        let counts = *recorded.lock().unwrap_or_else(PoisonError::into_inner);
+        let lost = match counts.dropped + counts.missed {
+            0 => String::new(),
+            lost => format!(", {lost} lost"),
+        };
+        format!(
+            "{} messages recorded, {}{lost}",
+            counts.written,
+            HumanBytes(counts.written_bytes)
+        )
+    }
+}
+
+/// A name as a part of a key: what a key has its own use for is a dash.
+fn key_part(name: &str) -> String {
+    let is_plain = |letter: char| letter.is_alphanumeric() || "-_.".contains(letter);
+    let plain: String = name
+        .chars()
+        .map(|letter| if is_plain(letter) { letter } else { '-' })
+        .collect();
+    if plain.is_empty() {
+        "-".to_owned()
+    } else {
+        plain
+    }
 }
 
 fn replay(options: &ReplayOptions, network: &NetworkOptions) -> Result<(), Failure> {

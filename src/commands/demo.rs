@@ -17,7 +17,7 @@ use super::plan::node::describe;
 use crate::cli::{DemoOptions, NetworkOptions};
 use crate::config::Config;
 use crate::output::{self, Failure};
-use crate::runtime::{stop_signal, with_session};
+use crate::runtime::{on_session, stop_signal};
 
 /// Generators of a demo.
 const GENERATORS: usize = 2;
@@ -48,7 +48,7 @@ pub(crate) fn run(
         ..NetworkOptions::default()
     };
     let seconds = Duration::from_secs(options.seconds);
-    with_session(&network, async |session| {
+    on_session(&network, async |session| {
         let mut children = Vec::new();
         for (name, arguments) in nodes {
             children.push(launcher.start(name, arguments)?);

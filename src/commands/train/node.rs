@@ -1,5 +1,7 @@
 //! `swath train` as a node.
 
+use std::sync::{Arc, Mutex, PoisonError};
+
 use anyhow::Context;
 use swath_bridge::msg::swath::TrainStatus;
 use swath_bridge::signature::load_or_create_key;
@@ -11,7 +13,7 @@ use super::make_directory;
 use crate::cli::{NetworkOptions, TrainOptions};
 use crate::config::Config;
 use crate::output::{self, Failure};
-use crate::progress;
+use crate::reporter::Reporter;
 use crate::runtime::{stop_signal, with_session};
 
 /// File of the key that signs a run's weights.
@@ -38,29 +40,45 @@ pub(super) fn run(
             load_or_create_key(&options.out.join(KEY_FILE))?,
         )
     };
-    let bar = progress::spinner("trainer");
-    bar.set_message("waits for samples");
+    let newest = Arc::new(Mutex::new(None));
+    let reporter = Reporter::start("trainer", &options.run, standing(&newest));
     let summary = with_session(network, async |session| {
         let observe = |status: &TrainStatus| {
-            bar.set_position(status.step);
-            bar.set_message(format!(
-                "steps, {} samples, loss {:.3}, mIoU {:.3}, weights v{}",
-                status.received, status.loss, status.miou, status.weights_version
-            ));
+            *newest.lock().unwrap_or_else(PoisonError::into_inner) = Some(status.clone());
         };
         node::run(&session, node_config, stop_signal(), observe)
             .await
             .context("trainer node")
     })?;
-    bar.finish_and_clear();
+    drop(reporter);
     let miou = summary
         .miou
         .map_or_else(|| "not scored".to_owned(), |miou| format!("{miou:.4}"));
-    output::line(format_args!(
+    output::note(format_args!(
         "{} steps, weights v{} (mIoU {miou}) in {}",
         summary.steps,
         summary.version,
         options.out.display()
-    ))?;
+    ));
     Ok(())
+}
+
+/// How the trainer does, in a line.
+fn standing(newest: &Arc<Mutex<Option<TrainStatus>>>) -> impl FnMut() -> String + Send + 'static {
+    let newest = Arc::clone(newest);
+    move || {
+        let newest = newest.lock().unwrap_or_else(PoisonError::into_inner);
+        let Some(status) = newest.as_ref() else {
+            return "waits for samples".to_owned();
+        };
+        let miou = if status.miou.is_finite() {
+            format!(", mIoU {:.3}", status.miou)
+        } else {
+            String::new()
+        };
+        format!(
+            "step {}, loss {:.3}{miou}, {} samples received, weights v{}",
+            status.step, status.loss, status.received, status.weights_version
+        )
+    }
 }
