@@ -6,6 +6,7 @@ mod demo;
 mod generate;
 mod plan;
 mod train;
+mod values;
 
 use std::path::PathBuf;
 
@@ -17,7 +18,7 @@ pub(crate) use demo::DemoOptions;
 pub(crate) use generate::GenerateOptions;
 pub(crate) use plan::PlanOptions;
 pub(crate) use train::{
-    AsideOptions, EvaluateOptions, ExportOptions, Preset, Shown, Size, SplitBy, TrainOptions,
+    AsideOptions, EvaluateOptions, ExportOptions, Preset, Size, SplitBy, TrainOptions,
 };
 
 /// Learns the strip of ground a path will take, and plans through it.
@@ -41,7 +42,12 @@ A network is opened explicitly:
   swath --listen tcp/0.0.0.0:7447 train --out runs/fleet
   swath --connect tcp/trainer.local:7447 generate
 
-Exit codes: 0 success, 1 failure, 2 wrong usage, 3 data were lost."
+Exit codes:
+  0  success
+  1  failure, also of a file or a configuration that cannot be used
+  2  wrong usage, also a value that is out of range
+  3  data were lost
+  4  nothing was solved"
 )]
 pub(crate) struct Cli {
     /// TOML file of vehicle, grid and settings that nodes share
@@ -70,7 +76,7 @@ pub(crate) struct NetworkOptions {
     pub(crate) connect: Vec<String>,
     /// Prefix of all keys, to keep systems apart; - for none [default: user-<number of the user> on
     /// loopback, none with --listen, --connect or a zenoh file that names endpoints]
-    #[arg(long, global = true, value_name = "NAME")]
+    #[arg(long, global = true, value_name = "NAME", value_parser = values::namespace)]
     pub(crate) namespace: Option<String>,
     /// zenoh configuration file (JSON5); `ZENOH_CONFIG` names one too
     #[arg(long, global = true, value_name = "FILE")]

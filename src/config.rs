@@ -1,5 +1,7 @@
 //! One configuration file for all nodes, so that they agree on vehicle and grid.
 
+mod place;
+
 use std::path::Path;
 
 use anyhow::Context;
@@ -53,12 +55,62 @@ impl Config {
         );
         let text = std::fs::read_to_string(path).with_context(context)?;
         let config: Self = toml::from_str(&text).with_context(context)?;
-        config.vehicle.validate().with_context(context)?;
-        config.grid.validate().with_context(context)?;
-        config.follow.validate().with_context(context)?;
-        config.ingest().validate().with_context(context)?;
-        config.generator().validate().with_context(context)?;
+        config.validate(&text).with_context(context)?;
         Ok(config)
+    }
+
+    /// Checks every section of what was read from a text.
+    fn validate(&self, text: &str) -> anyhow::Result<()> {
+        let sections: [(&str, anyhow::Result<()>); 8] = [
+            ("vehicle", self.vehicle.validate().map_err(Into::into)),
+            ("grid", self.grid.validate().map_err(Into::into)),
+            ("obstacles", self.obstacles.validate().map_err(Into::into)),
+            ("targets", self.targets.validate().map_err(Into::into)),
+            ("follow", self.follow.validate().map_err(Into::into)),
+            ("train", self.train.validate().map_err(Into::into)),
+            ("ingest", self.ingest().validate().map_err(Into::into)),
+            ("generator", self.generator().validate().map_err(Into::into)),
+        ];
+        for (section, checked) in sections {
+            checked.map_err(|error| {
+                let place = match place::line_of(text, section, &format!("{error:#}")) {
+                    Some(line) => format!("line {line}, [{section}]"),
+                    None => format!("[{section}]"),
+                };
+                error.context(place)
+            })?;
+        }
+        self.refuse_second_sizes(text)
+    }
+
+    /// Vehicle and grid are set in one place, so that nodes agree. A second one that differs would not
+    /// count.
+    fn refuse_second_sizes(&self, text: &str) -> anyhow::Result<()> {
+        let (grid, vehicle) = (&self.grid, &self.vehicle);
+        for (section, key, is_same, instead) in [
+            ("ingest", "spec", self.ingest.spec == *grid, "grid"),
+            (
+                "ingest",
+                "vehicle",
+                self.ingest.vehicle == *vehicle,
+                "vehicle",
+            ),
+            ("generator", "grid", self.generator.grid == *grid, "grid"),
+            (
+                "generator",
+                "vehicle",
+                self.generator.vehicle == *vehicle,
+                "vehicle",
+            ),
+        ] {
+            if let Some(line) = place::line_of_key(text, section, key).filter(|_| !is_same) {
+                anyhow::bail!(
+                    "line {line}, [{section}]: {key} differs from [{instead}], which holds for all nodes: \
+                     set it there"
+                );
+            }
+        }
+        Ok(())
     }
 
     /// How logs become grids.

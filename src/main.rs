@@ -3,8 +3,10 @@
 mod cli;
 mod commands;
 mod config;
+mod human;
 mod network;
 mod output;
+mod outputs;
 mod progress;
 mod reporter;
 mod runtime;

@@ -118,7 +118,10 @@ fn nodes_say_where_they_listen_whom_they_joined_and_who_comes_and_goes() {
     let generator = Node::start(&["--listen", &place, "generate", "--id", "lab-1"]);
     generator.says("generator lab-1 starts");
     generator.says(&format!("listens on {place}"));
-    planner.says_all(&[&format!("INFO connected to {place}"), "generator lab-1 came"]);
+    planner.says_all(&[
+        &format!("INFO connected to {place}"),
+        "generator lab-1 came",
+    ]);
 
     let late = Node::start(&["--connect", &place, "plan", "--vehicle", "car-2"]);
     // Both in one line when the machine is quick, a line each when it is not.

@@ -26,7 +26,7 @@ use swath_planner::{
 mod nodes;
 
 /// Longer than anything here takes, so that a test that would hang fails.
-const PATIENCE: Duration = Duration::from_mins(4);
+const PATIENCE: Duration = Duration::from_mins(20);
 /// Time between two grids; a plan takes less.
 const GRID_PERIOD: Duration = Duration::from_millis(100);
 /// Speed of planners without odometry, m/s.

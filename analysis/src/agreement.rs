@@ -6,6 +6,7 @@ use polars::prelude::DataFrame;
 
 use crate::Error;
 use crate::frames::{counts, names, numbers};
+use crate::interval::{Interval, MIN_COMPARED_SAMPLES};
 use crate::spread::ratio;
 
 const TABLE: &str = "agreement";
@@ -27,6 +28,16 @@ pub(crate) struct Subject {
     pub(crate) dilation_mm: i64,
     /// Version of the weights.
     pub(crate) weights_version: u64,
+}
+
+impl Agreement {
+    /// Whether this is what the paper's mIoU may stand beside: a learned predictor, over enough
+    /// samples of all kinds.
+    pub(crate) fn is_comparable(&self) -> bool {
+        self.subject.is_learned()
+            && self.subject.group.is_empty()
+            && self.sums.samples >= MIN_COMPARED_SAMPLES
+    }
 }
 
 impl Subject {
@@ -80,6 +91,11 @@ impl Sums {
     /// Mean of the two.
     pub(crate) fn miou(&self) -> Option<f64> {
         Some(f64::midpoint(self.iou_path()?, self.iou_background()?))
+    }
+
+    /// Where the mean of the two would lie over many more samples, with a probability of 95 %.
+    pub(crate) fn miou_interval(&self) -> Option<Interval> {
+        Interval::of_mean(self.miou()?, self.samples)
     }
 
     /// Share of regions that join vehicle and target.

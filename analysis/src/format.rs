@@ -1,6 +1,7 @@
 //! Numbers as text, the same in every table.
 
 use crate::comparison::Ratio;
+use crate::interval::Interval;
 use crate::spread::Spread;
 
 /// Stands where there is nothing to say.
@@ -96,6 +97,14 @@ pub(crate) fn percent(share: Option<f64>) -> String {
     share.filter(|share| share.is_finite()).map_or_else(
         || NOTHING.to_owned(),
         |share| format!("{:.2} %", share * 100.0),
+    )
+}
+
+/// Both ends of an interval of shares as percentages with one decimal.
+pub(crate) fn interval(interval: Option<Interval>) -> String {
+    interval.map_or_else(
+        || NOTHING.to_owned(),
+        |Interval { low, high }| format!("{:.1}–{:.1} %", low * 100.0, high * 100.0),
     )
 }
 

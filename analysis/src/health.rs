@@ -2,12 +2,13 @@
 
 mod plans;
 mod samples;
+mod stops;
 mod training;
 
 use crate::Error;
 use crate::tables::Tables;
 
-pub(crate) use plans::{OutcomeCount, PlannerHealth};
+pub(crate) use plans::{LATE_MS, OutcomeCount, PlannerHealth};
 pub(crate) use samples::{GeneratorHealth, SampleHealth};
 pub(crate) use training::{TrainerHealth, WeightsHealth};
 

@@ -13,6 +13,7 @@ mod format;
 mod frames;
 mod grid;
 mod health;
+mod interval;
 mod methods;
 mod pairwise;
 pub mod paper;
@@ -28,7 +29,8 @@ mod tables;
 
 pub use config::ReportOptions;
 pub use error::Error;
+pub use interval::{Interval, MIN_COMPARED_SAMPLES};
 pub use read::Progress;
 pub use report::report;
 pub use spread::Spread;
-pub use summary::{MethodSummary, PredictorSummary, Summary};
+pub use summary::{MethodSummary, PlannerSummary, PredictorSummary, Summary, TrainerSummary};

@@ -232,7 +232,9 @@ fn miou(sources: &Sources<'_>) -> Result<Chart, Error> {
     // A single evaluation has no width for a level line to be drawn over.
     let last = if first < last { last } else { first + 1.0 };
     let mut level = |name: &str, value: f64| chart.thin_line(name, [(first, value), (last, value)]);
-    level("paper", paper::MIOU);
+    if sources.agreements.iter().any(Agreement::is_comparable) {
+        level("paper", paper::MIOU);
+    }
     for agreement in sources
         .agreements
         .iter()

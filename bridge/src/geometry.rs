@@ -89,7 +89,7 @@ impl Cell {
 
 /// The size of a grid and where the vehicle stands on it.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
+#[serde(default, deny_unknown_fields)]
 pub struct GridSpec {
     /// Rows, along x.
     pub rows: u32,
@@ -123,24 +123,29 @@ impl GridSpec {
     /// [`Error::InvalidGrid`] names the field that is out of range.
     pub fn validate(&self) -> Result<(), Error> {
         let invalid = |what: String| Err(Error::InvalidGrid { what });
-        let sides = 1..=MAX_GRID_SIDE_CELLS;
-        if !sides.contains(&self.rows) || !sides.contains(&self.cols) {
-            return invalid(format!(
-                "{} x {} cells, expected 1 to {MAX_GRID_SIDE_CELLS} a side",
-                self.rows, self.cols
-            ));
+        for (field, cells) in [("rows", self.rows), ("cols", self.cols)] {
+            if !(1..=MAX_GRID_SIDE_CELLS).contains(&cells) {
+                return invalid(format!(
+                    "{field} is {cells}, expected 1 to {MAX_GRID_SIDE_CELLS}"
+                ));
+            }
         }
         if !(self.resolution_m >= 0.01 && self.resolution_m <= 10.0) {
             return invalid(format!(
-                "resolution {} m, expected 0.01 to 10 m a cell",
+                "resolution_m is {}, expected 0.01 to 10",
                 self.resolution_m
             ));
         }
-        if self.ego_row >= self.rows || self.ego_col >= self.cols {
-            return invalid(format!(
-                "ego cell ({}, {}) is off the {} x {} grid",
-                self.ego_row, self.ego_col, self.rows, self.cols
-            ));
+        for (field, cell, side) in [
+            ("ego_row", self.ego_row, self.rows),
+            ("ego_col", self.ego_col, self.cols),
+        ] {
+            if cell >= side {
+                let last = side - 1;
+                return invalid(format!(
+                    "{field} is {cell}, expected 0 to {last}: the vehicle stands on the grid"
+                ));
+            }
         }
         Ok(())
     }

@@ -14,7 +14,7 @@ const CHILD_ID: &str = "SWATH_TEST_CHILD";
 /// The process of the test, by which its children choose their ports.
 const PARENT: &str = "SWATH_TEST_PARENT";
 /// Longer than anything here takes.
-const PATIENCE: Duration = Duration::from_secs(30);
+const PATIENCE: Duration = Duration::from_mins(10);
 
 /// Ports of this run of the test alone, so that it meets neither a demo nor another run.
 fn config(parent: u32) -> SessionConfig {

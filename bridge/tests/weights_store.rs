@@ -11,7 +11,7 @@ use swath_bridge::{Session, SessionConfig, WeightsStore, keys};
 use tempfile::TempDir;
 
 /// Longer than anything here takes, so that a test that would hang fails.
-const PATIENCE: Duration = Duration::from_secs(20);
+const PATIENCE: Duration = Duration::from_mins(10);
 
 async fn soon<T>(what: impl Future<Output = T>) -> T {
     tokio::time::timeout(PATIENCE, what).await.unwrap()

@@ -33,4 +33,4 @@ pub use error::Error;
 pub use logs::LogScenes;
 pub use sample::{Generator, SAMPLES_PER_TARGET, Scenes, generate_sample};
 pub use scene::{Scene, SceneKind};
-pub use stream::{Run, SampleStream};
+pub use stream::{MAX_WORKERS, Run, SampleStream};

@@ -15,7 +15,7 @@ use crate::{Error, Generator};
 /// Samples that each worker keeps ready.
 const LOOK_AHEAD: usize = 8;
 /// Most workers.
-const MAX_WORKERS: usize = 256;
+pub const MAX_WORKERS: usize = 256;
 
 /// Which samples of a seed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -49,6 +49,22 @@ impl Default for ObstacleConfig {
 }
 
 impl ObstacleConfig {
+    /// Checks the threshold: 1 to 100 percent. At 0 free cells would be obstacles.
+    ///
+    /// # Errors
+    /// [`swath_bridge::Error::InvalidConfig`] names the field.
+    pub fn validate(&self) -> Result<(), Error> {
+        if (1..=100).contains(&self.threshold_percent) {
+            return Ok(());
+        }
+        Err(Error::Bridge(swath_bridge::Error::InvalidConfig {
+            field: "threshold_percent",
+            value: f64::from(self.threshold_percent),
+            least: 1.0,
+            most: 100.0,
+        }))
+    }
+
     /// The obstacles of an occupancy grid.
     pub fn obstacles(&self, occupancy: &Occupancy) -> Plane {
         Plane::from_occupancy(occupancy, self.threshold_percent, self.unknown_is_obstacle)

@@ -42,5 +42,5 @@ pub use plan::{PlanConfig, Planner, TargetOrder, TargetPlan};
 pub use plane::Plane;
 pub use report::plan_report;
 pub use segment::after_arc;
-pub use targets::{MAX_TARGETS, TargetConfig, sample_targets};
+pub use targets::{MAX_DISTANCE_M, MAX_TARGETS, TargetConfig, sample_targets};
 pub use timing::{CpuTimer, millis};

@@ -3,10 +3,16 @@
 use serde::{Deserialize, Serialize};
 use swath_bridge::{GridSpec, Pose2};
 
+use crate::Error;
 use crate::polyline::Polyline;
 
 /// Most targets of one frame.
 pub const MAX_TARGETS: usize = 256;
+
+/// Farthest that a target may be wanted, metres.
+pub const MAX_DISTANCE_M: f64 = 1000.0;
+/// Least distance between targets across the reference, metres.
+const MIN_ACROSS_M: f64 = 0.01;
 
 /// Rows are set at most so many times closer to make up for places off the grid.
 const MAX_CROWDING: usize = 3;
@@ -33,6 +39,37 @@ impl Default for TargetConfig {
             farthest_m: 55.0,
             across_m: 1.75,
         }
+    }
+}
+
+impl TargetConfig {
+    /// Checks every field: counts up to [`MAX_TARGETS`], distances up to [`MAX_DISTANCE_M`], the farthest
+    /// no nearer than the nearest, and some space between targets.
+    ///
+    /// # Errors
+    /// [`swath_bridge::Error::InvalidConfig`] names the field that is out of range.
+    pub fn validate(&self) -> Result<(), Error> {
+        for (field, value, least, most) in [
+            ("count", self.count as f64, 0.0, MAX_TARGETS as f64),
+            ("nearest_m", self.nearest_m, 0.0, MAX_DISTANCE_M),
+            (
+                "farthest_m",
+                self.farthest_m,
+                self.nearest_m,
+                MAX_DISTANCE_M,
+            ),
+            ("across_m", self.across_m, MIN_ACROSS_M, MAX_DISTANCE_M),
+        ] {
+            if !(least..=most).contains(&value) {
+                return Err(Error::Bridge(swath_bridge::Error::InvalidConfig {
+                    field,
+                    value,
+                    least,
+                    most,
+                }));
+            }
+        }
+        Ok(())
     }
 }
 
@@ -119,6 +156,59 @@ mod tests {
         (0..=60)
             .map(|k| Pose2::new(length_m * f64::from(k) / 60.0, 0.0, 0.0))
             .collect()
+    }
+
+    #[test]
+    fn what_cannot_be_placed_is_named() {
+        TargetConfig::default().validate().unwrap();
+        let good = TargetConfig::default();
+        for (field, bad) in [
+            (
+                "count",
+                TargetConfig {
+                    count: MAX_TARGETS + 1,
+                    ..good
+                },
+            ),
+            (
+                "nearest_m",
+                TargetConfig {
+                    nearest_m: -1.0,
+                    ..good
+                },
+            ),
+            (
+                "farthest_m",
+                TargetConfig {
+                    farthest_m: 7.9,
+                    ..good
+                },
+            ),
+            (
+                "farthest_m",
+                TargetConfig {
+                    farthest_m: f64::INFINITY,
+                    ..good
+                },
+            ),
+            (
+                "across_m",
+                TargetConfig {
+                    across_m: f64::NAN,
+                    ..good
+                },
+            ),
+            (
+                "across_m",
+                TargetConfig {
+                    across_m: 0.0,
+                    ..good
+                },
+            ),
+        ] {
+            let said = bad.validate().unwrap_err().to_string();
+            assert!(said.starts_with(&format!("{field} is ")), "{said}");
+        }
     }
 
     #[test]

@@ -3,9 +3,10 @@
 use std::path::PathBuf;
 
 use clap::Args;
-use swath_planner::Method;
+use swath_planner::{MAX_TARGETS, Method};
 
 use super::plan::parse_method;
+use super::values;
 
 /// Measure methods side by side, as the paper's tables do.
 #[derive(Debug, Args)]
@@ -16,7 +17,13 @@ use super::plan::parse_method;
       --out frames.mcap")]
 pub(crate) struct BenchOptions {
     /// Number of generated scenes, or of frames a log
-    #[arg(long, default_value_t = 50)]
+    #[arg(
+        long,
+        default_value_t = 50,
+        value_name = "N",
+        value_parser = values::at_least(1),
+        allow_negative_numbers = true
+    )]
     pub(crate) scenes: u64,
     /// Seed of the scenes
     #[arg(long, default_value_t = 1000)]
@@ -24,8 +31,15 @@ pub(crate) struct BenchOptions {
     /// Drive log to take frames from instead; may be given again
     #[arg(long, value_name = "FILE")]
     pub(crate) log: Vec<PathBuf>,
-    /// Numbers of targets
-    #[arg(long, value_delimiter = ',', default_value = "1,3,7,10,15,20,30,40,50")]
+    /// Numbers of targets, each from 1 to 256
+    #[arg(
+        long,
+        value_delimiter = ',',
+        default_value = "1,3,7,10,15,20,30,40,50",
+        value_name = "N",
+        value_parser = values::whole(1usize, MAX_TARGETS),
+        allow_negative_numbers = true
+    )]
     pub(crate) targets: Vec<usize>,
     /// Methods to compare, also hybrid, hybrid-fcn, rrt-star and rrt-star-fcn [default: tiev, tiev-fcn,
     /// weighted and swath, if they can run]

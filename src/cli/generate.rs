@@ -3,6 +3,9 @@
 use std::path::PathBuf;
 
 use clap::Args;
+use swath_generator::MAX_WORKERS;
+
+use super::values;
 
 /// Make labelled samples: into a file, or as a node that publishes them.
 #[derive(Debug, Args)]
@@ -12,7 +15,7 @@ use clap::Args;
   swath generate --id lab-1                  a node: publishes until stopped")]
 pub(crate) struct GenerateOptions {
     /// Number of samples [default: 1000 into a file, endless as a node]
-    #[arg(long)]
+    #[arg(long, value_name = "N", value_parser = values::at_least(1), allow_negative_numbers = true)]
     pub(crate) count: Option<u64>,
     /// Seed; the same seed gives the same bytes
     #[arg(long, default_value_t = 1)]
@@ -24,10 +27,16 @@ pub(crate) struct GenerateOptions {
     #[arg(long, value_name = "FILE")]
     pub(crate) out: Option<PathBuf>,
     /// Name of the generator; generators with different names make different samples
-    #[arg(long, default_value = "generator-0", value_name = "NAME")]
+    #[arg(long, default_value = "generator-0", value_name = "NAME", value_parser = values::name)]
     pub(crate) id: String,
-    /// Threads of a node, 0 for as many as there are cores
-    #[arg(long, default_value_t = 0, value_name = "N")]
+    /// Threads of a node, at most 256; 0 for as many as there are cores
+    #[arg(
+        long,
+        default_value_t = 0,
+        value_name = "N",
+        value_parser = values::whole(0usize, MAX_WORKERS),
+        allow_negative_numbers = true
+    )]
     pub(crate) workers: usize,
     /// Print a JSON summary
     #[arg(long)]

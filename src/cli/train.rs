@@ -1,11 +1,13 @@
 //! The options of `swath train`, `evaluate` and `export`.
 
-use std::convert::Infallible;
 use std::path::PathBuf;
 use std::str::FromStr;
 
 use clap::{Args, ValueEnum};
 use swath_planner::network::Architecture;
+use swath_trainer::{MAX_BATCH, MAX_EPOCHS, MAX_EXAMPLES};
+
+use super::values;
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub(crate) enum Preset {
@@ -21,6 +23,13 @@ pub(crate) enum Size {
     Half,
 }
 
+/// Most times that an epoch shows a recording.
+const MAX_TIMES: usize = 255;
+/// Least and greatest base rate of learning.
+const RATES: (f64, f64) = (1e-9, 1.0);
+/// Least and greatest distance from a path to the edge of its label, metres.
+const DILATIONS_M: (f64, f64) = (0.1, 10.0);
+
 /// A recording and how often an epoch shows it.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) struct Shown {
@@ -29,15 +38,24 @@ pub(crate) struct Shown {
 }
 
 impl FromStr for Shown {
-    type Err = Infallible;
+    type Err = String;
 
-    fn from_str(text: &str) -> Result<Self, Infallible> {
-        let split = text.rsplit_once(':');
-        let times = split.and_then(|(path, times)| Some((path, times.parse::<u8>().ok()?)));
-        let (path, times) = times.unwrap_or((text, 1));
+    fn from_str(text: &str) -> Result<Self, String> {
+        let is_number = |text: &str| {
+            let digits = text.strip_prefix('-').unwrap_or(text);
+            !digits.is_empty() && digits.bytes().all(|byte| byte.is_ascii_digit())
+        };
+        let split = text.rsplit_once(':').filter(|(_, times)| is_number(times));
+        let (path, times) = match split {
+            Some((path, times)) => (path, values::whole(1, MAX_TIMES)(times)?),
+            None => (text, 1),
+        };
+        if path.is_empty() {
+            return Err("expected the name of a file".to_owned());
+        }
         Ok(Self {
             path: path.into(),
-            times: usize::from(times),
+            times,
         })
     }
 }
@@ -94,14 +112,29 @@ pub(crate) struct TrainOptions {
     #[arg(long, value_name = "SCORINGS")]
     pub(crate) patience: Option<u64>,
     /// Share of each batch drawn from the samples on which the planner, with the network so far,
-    /// searches longest; 0 for none [default: 0]
-    #[arg(long, value_name = "SHARE")]
+    /// searches longest, at most 1; 0 for none [default: 0]
+    #[arg(
+        long,
+        value_name = "SHARE",
+        value_parser = values::number(0.0, 1.0),
+        allow_negative_numbers = true
+    )]
     pub(crate) hard: Option<f64>,
     /// Passes over the data
-    #[arg(long)]
+    #[arg(
+        long,
+        value_name = "N",
+        value_parser = values::whole(1, MAX_EPOCHS),
+        allow_negative_numbers = true
+    )]
     pub(crate) epochs: Option<u64>,
-    /// Samples a step
-    #[arg(long)]
+    /// Samples a step, at most 4096
+    #[arg(
+        long,
+        value_name = "N",
+        value_parser = values::whole(1, MAX_BATCH),
+        allow_negative_numbers = true
+    )]
     pub(crate) batch: Option<usize>,
     /// Network: the paper's, or one that shares the work on a map between targets
     #[arg(long, value_parser = architecture, value_name = "enet|enet-shared")]
@@ -119,7 +152,12 @@ pub(crate) struct TrainOptions {
     #[arg(long, value_enum, default_value_t = Preset::Cpu)]
     pub(crate) preset: Preset,
     /// Base learning rate [default: that of the preset, a fifth of it from trained weights]
-    #[arg(long, value_name = "RATE")]
+    #[arg(
+        long,
+        value_name = "RATE",
+        value_parser = values::number(RATES.0, RATES.1),
+        allow_negative_numbers = true
+    )]
     pub(crate) learning_rate: Option<f64>,
     /// Go on from the newest checkpoint in the output directory
     #[arg(long)]
@@ -128,13 +166,25 @@ pub(crate) struct TrainOptions {
     #[arg(long, value_name = "DIR")]
     pub(crate) out: PathBuf,
     /// Steps of a node from one publication of weights to the next
-    #[arg(long, default_value_t = 25, value_name = "STEPS")]
+    #[arg(
+        long,
+        default_value_t = 25,
+        value_name = "STEPS",
+        value_parser = values::at_least(1),
+        allow_negative_numbers = true
+    )]
     pub(crate) publish_every: u64,
     /// Most samples of the stream that a node keeps to learn from, about 30 kB each
-    #[arg(long, default_value_t = 20_000, value_name = "SAMPLES")]
+    #[arg(
+        long,
+        default_value_t = 20_000,
+        value_name = "SAMPLES",
+        value_parser = values::whole(1, MAX_EXAMPLES),
+        allow_negative_numbers = true
+    )]
     pub(crate) keep: usize,
     /// Name of the run, as subscribers see it
-    #[arg(long, default_value = "main", value_name = "NAME")]
+    #[arg(long, default_value = "main", value_name = "NAME", value_parser = values::name)]
     pub(crate) run: String,
 }
 
@@ -152,14 +202,19 @@ pub(crate) struct EvaluateOptions {
     #[arg(long, value_name = "FILE")]
     pub(crate) weights: Option<PathBuf>,
     /// Distance from the optimal path to the edge of its label, metres [default: as trained]
-    #[arg(long, value_name = "METRES")]
+    #[arg(
+        long,
+        value_name = "METRES",
+        value_parser = values::number(DILATIONS_M.0, DILATIONS_M.1),
+        allow_negative_numbers = true
+    )]
     pub(crate) dilation_m: Option<f64>,
     /// Also say what limits the score: how far labels of the same cost differ, and what errors cost
     /// the planner. Searches every sample twice again
     #[arg(long)]
     pub(crate) limits: bool,
-    /// Picture of samples from the worst predicted to the best
-    #[arg(long, value_name = "FILE")]
+    /// Picture (PNG) of samples from the worst predicted to the best
+    #[arg(long, value_name = "FILE", value_parser = values::png_file)]
     pub(crate) picture: Option<PathBuf>,
     /// Recording to write the counts to, for `swath report`
     #[arg(long, value_name = "FILE")]

@@ -6,12 +6,12 @@ use std::sync::Arc;
 
 use swath_bridge::msg::header::Header;
 use swath_bridge::recording::Writer;
-use swath_bridge::{Frame, Vehicle, keys};
+use swath_bridge::{Frame, Outcome, Vehicle, keys};
 use swath_generator::Generator;
 use swath_planner::network::Network;
 use swath_planner::{
-    FrameInput, FramePlan, FramePlanner, MAX_TARGETS, Method, MotionModel, PlanConfig, Start,
-    TargetConfig, plan_report, sample_targets,
+    FrameInput, FramePlan, FramePlanner, Method, MotionModel, PlanConfig, Start, TargetConfig,
+    TargetPlan, plan_report, sample_targets,
 };
 
 use checked::Checked;
@@ -19,16 +19,17 @@ use checked::Checked;
 use super::generate::scenes_of;
 use crate::cli::BenchOptions;
 use crate::config::Config;
-use crate::network;
 use crate::output::{self, Failure};
-use crate::progress;
+use crate::progress::{self, Unit};
+use crate::{network, outputs};
 
 /// Name of the vehicle in the keys of a bench.
 const VEHICLE: &str = "bench";
 
 /// Runs the command.
 pub(crate) fn run(options: &BenchOptions, config: &Config) -> Result<(), Failure> {
-    check(options)?;
+    outputs::test_apart(&options.out, options.log.iter().chain(&options.weights))?;
+    outputs::test_file(&options.out)?;
     let network = network::load(options.weights.as_deref())?;
     let is_of_use = options.weights.is_some() || network::misfit(network.info(), config).is_none();
     let network = is_of_use.then_some(network);
@@ -57,9 +58,9 @@ pub(crate) fn run(options: &BenchOptions, config: &Config) -> Result<(), Failure
         vehicle: config.vehicle,
     };
     let mut checked = options.check.then(Checked::default);
-    let bar = progress::bar(options.scenes, "bench");
+    let bar = progress::bar_of(options.scenes, "bench", Unit::Count("scenes"));
     let mut writer = Writer::create(&options.out)?;
-    let mut frames = 0;
+    let (mut frames, mut solved) = (0u64, 0usize);
     for scene_index in 0..options.scenes {
         let (kind, frame) = bench.generator.frame(options.seed, scene_index);
         for &count in &options.targets {
@@ -67,6 +68,8 @@ pub(crate) fn run(options: &BenchOptions, config: &Config) -> Result<(), Failure
                 let plan = bench.plan((&frame, count), entrant, checked.as_mut())?;
                 write_report(&mut writer, (&kind, scene_index), &frame, (entrant, &plan))?;
                 frames += 1;
+                let targets = plan.targets.iter();
+                solved += targets.filter(|target| is_solved(target)).count();
             }
         }
         bar.inc(1);
@@ -86,18 +89,15 @@ pub(crate) fn run(options: &BenchOptions, config: &Config) -> Result<(), Failure
             );
         }
     }
+    if solved == 0 {
+        let what = format!("no target of {frames} plans was reached");
+        return Err(Failure::Unsolved(what));
+    }
     Ok(())
 }
 
-fn check(options: &BenchOptions) -> anyhow::Result<()> {
-    anyhow::ensure!(
-        options
-            .targets
-            .iter()
-            .all(|count| (1..=MAX_TARGETS).contains(count)),
-        "--targets takes numbers from 1 to {MAX_TARGETS}"
-    );
-    Ok(())
+fn is_solved(target: &TargetPlan) -> bool {
+    target.result.outcome == Outcome::Solved
 }
 
 fn methods_of(options: &BenchOptions, has_network: bool) -> anyhow::Result<Vec<Method>> {

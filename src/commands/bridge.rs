@@ -5,13 +5,14 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
 use anyhow::Context;
-use indicatif::{HumanBytes, ProgressBar};
+use indicatif::ProgressBar;
 use swath_bridge::WeightsStore;
 use swath_bridge::ingest::{Progress, write_grids};
 use swath_bridge::recording::{self, RecordCounts, RecordOptions, Recorder};
 
 use crate::cli::{BridgeCommand, GridsOptions, NetworkOptions, ReplayOptions};
 use crate::config::Config;
+use crate::human;
 use crate::output::{self, Failure};
 use crate::progress;
 use crate::reporter::Reporter;
@@ -74,7 +75,7 @@ fn record(out: &Path, seconds: Option<u64>, network: &NetworkOptions) -> Result<
     output::note(format_args!(
         "{} messages ({}) written to {}",
         counts.written,
-        HumanBytes(counts.written_bytes),
+        human::bytes(counts.written_bytes),
         out.display()
     ));
     let lost = counts.dropped + counts.missed;
@@ -98,8 +99,8 @@ fn standing(recorded: &Arc<Mutex<RecordCounts>>) -> impl FnMut() -> String + Sen
         };
         format!(
             "{} messages recorded, {}{lost}",
-            counts.written,
-            HumanBytes(counts.written_bytes)
+            human::count(counts.written),
+            human::bytes(counts.written_bytes)
         )
     }
 }

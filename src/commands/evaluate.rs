@@ -13,8 +13,9 @@ use swath_trainer::{
 use super::train::{open, set_aside};
 use crate::cli::EvaluateOptions;
 use crate::config::Config;
-use crate::network;
+use crate::human::{decimal, percent};
 use crate::output::{self, Failure};
+use crate::{network, outputs};
 
 mod picture;
 
@@ -23,6 +24,10 @@ const RUN: &str = "file";
 
 /// Runs the command.
 pub(crate) fn run(options: &EvaluateOptions, config: &Config) -> Result<(), Failure> {
+    for out in options.out.iter().chain(&options.picture) {
+        outputs::test_apart(out, options.data.iter().chain(&options.weights))?;
+        outputs::test_file(out)?;
+    }
     let network = network::load(options.weights.as_deref())?;
     let mut examples = open(&options.data)?.into_examples();
     if let Some(count) = options.aside.aside {
@@ -169,26 +174,29 @@ fn print_ranking(ranking: Option<Ranking>) -> anyhow::Result<()> {
     let (with, without) = ranking.targets;
     output::line(format_args!(
         "targets before any search: {with} with a path, {without} without; area under the ROC curve \
-         {:.3} (clearance alone {:.3}); rank correlation with cost {:.3}, with steps {:.3}",
-        ranking.auc, ranking.auc_clearance, ranking.rank_cost, ranking.rank_steps
+         {} (clearance alone {}); rank correlation with cost {}, with steps {}",
+        decimal(ranking.auc, 3),
+        decimal(ranking.auc_clearance, 3),
+        decimal(ranking.rank_cost, 3),
+        decimal(ranking.rank_steps, 3)
     ))
 }
 
 fn print_limits(limits: &Limits) -> anyhow::Result<()> {
     output::line(format_args!(
-        "labels against other paths of the same cost, {} samples: mIoU {:.2}%, path IoU {:.2}%",
+        "labels against other paths of the same cost, {} samples: mIoU {}, path IoU {}",
         limits.ties.samples,
-        100.0 * limits.ties.miou(),
-        100.0 * limits.ties.iou_path()
+        percent(limits.ties.miou(), 2),
+        percent(limits.ties.iou_path(), 2)
     ))?;
     let mut from = 0.0;
     for (to, group) in IOU_GROUPS.iter().zip(limits.groups) {
         output::line(format_args!(
-            "regions with a path IoU from {from:.2} on: {} samples, path found to {}, cost {:.3} of the \
-             optimum, at most 1 % above it in {}",
+            "regions with a path IoU from {from:.2} on: {} samples, path found to {}, ratio of cost to \
+             optimum {}, at most 1.01 in {}",
             group.samples,
             group.solved,
-            group.cost_ratios / group.solved.max(1) as f64,
+            decimal(group.cost_ratios / group.solved as f64, 3),
             group.as_good
         ))?;
         from = *to;
@@ -201,13 +209,13 @@ fn print(reports: &[(&'static str, Report)]) -> anyhow::Result<()> {
     for (name, report) in reports {
         let total = &report.scores.total;
         output::line(format_args!(
-            "{name:<20} {:>7}  {:>6.2}%  {:>7.2}%  {:>13.2}%  {:>5.1}%  {:.2}",
+            "{name:<20} {:>7}  {:>7}  {:>8}  {:>14}  {:>6}  {}",
             total.samples,
-            100.0 * total.miou(),
-            100.0 * total.iou_path(),
-            100.0 * total.iou_background(),
-            100.0 * total.joined_share(),
-            report.ms_per_sample,
+            percent(total.miou(), 2),
+            percent(total.iou_path(), 2),
+            percent(total.iou_background(), 2),
+            percent(total.joined_share(), 1),
+            decimal(report.ms_per_sample, 2),
         ))?;
     }
     let Some((_, network)) = reports.first() else {
@@ -215,18 +223,18 @@ fn print(reports: &[(&'static str, Report)]) -> anyhow::Result<()> {
     };
     for (scene, counts) in &network.scores.by_scene {
         output::line(format_args!(
-            "  {scene:<18} {:>7}  {:>6.2}%",
+            "  {scene:<18} {:>7}  {:>7}",
             counts.samples,
-            100.0 * counts.miou()
+            percent(counts.miou(), 2)
         ))?;
     }
     let mut from_m = 0.0;
     for (to_m, counts) in DISTANCE_GROUPS_M.iter().zip(&network.scores.by_distance) {
         if counts.samples > 0 {
             output::line(format_args!(
-                "  {from_m:>3.0} m to {to_m:>3.0} m     {:>7}  {:>6.2}%",
+                "  {from_m:>3.0} m to {to_m:>3.0} m     {:>7}  {:>7}",
                 counts.samples,
-                100.0 * counts.miou()
+                percent(counts.miou(), 2)
             ))?;
         }
         from_m = *to_m;

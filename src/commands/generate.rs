@@ -11,7 +11,8 @@ use swath_generator::{Generator, LogScenes, Run, Scenes, Written, write_dataset}
 use crate::cli::{GenerateOptions, NetworkOptions};
 use crate::config::Config;
 use crate::output::{self, Failure};
-use crate::progress;
+use crate::progress::{self, Unit};
+use crate::{human, outputs};
 
 mod node;
 
@@ -24,6 +25,10 @@ pub(crate) fn run(
     network: &NetworkOptions,
     config: &Config,
 ) -> Result<(), Failure> {
+    if let Some(out) = &options.out {
+        outputs::test_apart(out, &options.log)?;
+        outputs::test_file(out)?;
+    }
     let scenes = scenes_of(&options.log, config)?;
     let generator = Arc::new(Generator::new(config.generator(), scenes)?);
     match &options.out {
@@ -60,20 +65,21 @@ fn into_file(
         first: 0,
         count: Some(count),
     };
-    let bar = progress::bar(count, "samples");
+    let bar = progress::bar_of(count, "generating", Unit::Count("samples"));
     let started = Instant::now();
     let written = write_dataset(generator, run, out, &mut |done, _| bar.set_position(done))?;
     bar.finish_and_clear();
-    let summary = Summary::new(&written, started.elapsed().as_secs_f64());
+    let took = started.elapsed();
+    let summary = Summary::new(&written, took.as_secs_f64());
     if options.json {
         output::json(&summary)?;
     } else {
         output::line(format_args!(
-            "{} samples ({} solved) in {:.1} s, {:.0} a second, written to {}",
+            "{} samples ({} solved) in {}, {} a second, written to {}",
             summary.samples,
             summary.solved,
-            summary.seconds,
-            summary.samples_per_s,
+            human::duration(took),
+            human::rate_of(summary.samples, took),
             out.display(),
         ))?;
     }

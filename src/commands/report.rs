@@ -6,7 +6,7 @@ use swath_analysis::{ReportOptions as AnalysisOptions, Summary, report};
 
 use crate::cli::ReportOptions;
 use crate::output::{self, Failure};
-use crate::progress;
+use crate::{outputs, progress};
 
 /// Runs the command.
 pub(crate) fn run(options: &ReportOptions) -> Result<(), Failure> {
@@ -27,6 +27,7 @@ pub(crate) fn run(options: &ReportOptions) -> Result<(), Failure> {
 
 /// Writes the report of recordings into a directory.
 pub(crate) fn write(recordings: &[PathBuf], out: &Path) -> anyhow::Result<Summary> {
+    outputs::test_folder(out)?;
     let bar = progress::bar(0, "report");
     let summary = report(recordings, out, &AnalysisOptions::default(), |progress| {
         bar.set_length(progress.total_bytes);

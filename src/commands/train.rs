@@ -16,10 +16,11 @@ use swath_trainer::{
 
 use crate::cli::{AsideOptions, NetworkOptions, Preset, Size, SplitBy, TrainOptions};
 use crate::config::Config;
-use crate::network;
+use crate::human::{self, decimal, percent};
 use crate::output::{self, Failure};
-use crate::progress;
+use crate::progress::{self, Unit};
 use crate::runtime::stop_flag;
+use crate::{network, outputs};
 
 mod node;
 
@@ -35,6 +36,7 @@ pub(crate) fn run(
     session: &NetworkOptions,
     config: &Config,
 ) -> Result<(), Failure> {
+    outputs::test_folder(&options.out)?;
     let mut train = train_config(options, config);
     let is_node = options.data.is_empty();
     let initial = initial(options, config, (&mut train, is_node))?;
@@ -136,7 +138,7 @@ fn on_recordings(
     let mut source = Recorded::mixed(groups, train.seed, train.mirror);
     let steps = source.steps_per_epoch(train.batch) * train.epochs;
     let mut watcher = Watcher {
-        bar: progress::bar(steps, "training"),
+        bar: progress::bar_of(steps, "training", Unit::Count("steps")),
         stop: stop_flag()?,
         began: Instant::now(),
         from: learner.progress().step,
@@ -274,7 +276,8 @@ struct Watcher {
 impl Observer for Watcher {
     fn stepped(&mut self, report: &StepReport) {
         self.bar.set_position(report.step);
-        self.bar.set_message(format!("loss {:.3}", report.loss));
+        self.bar
+            .set_message(format!("loss {}", decimal(report.loss, 3)));
     }
 
     fn scored(&mut self, report: &ScoreReport) {
@@ -284,21 +287,27 @@ impl Observer for Watcher {
             let (miou, path, joined) = (total.miou(), total.iou_path(), total.joined_share());
             let _ = write!(
                 scores,
-                "; {name}: mIoU {miou:.4}, path IoU {path:.4}, joined {joined:.3}"
+                "; {name}: mIoU {}, path IoU {}, joined {}",
+                decimal(miou, 4),
+                decimal(path, 4),
+                decimal(joined, 3)
             );
         }
-        let elapsed = self.began.elapsed().as_secs_f64();
-        let minutes = elapsed / 60.0;
-        let done = (report.step - self.from).max(1) as f64;
-        let left = self.steps.saturating_sub(report.step) as f64 * minutes / done;
-        let waited = 100.0 * self.waited.as_secs_f64() / elapsed.max(1e-9);
-        let rate = done * self.batch as f64 / elapsed.max(1e-9);
+        let elapsed = self.began.elapsed();
+        let done = report.step.saturating_sub(self.from);
+        let left = human::time_left(done, self.steps.saturating_sub(report.step), elapsed);
+        let left = left.map_or_else(|| human::NOTHING.to_owned(), human::duration);
+        let waited = percent(self.waited.as_secs_f64() / elapsed.as_secs_f64(), 1);
+        let rate = human::rate_of(done.saturating_mul(self.batch as u64), elapsed);
         self.bar.suspend(|| {
             // Without anybody to read it, training goes on all the same.
             let _ = output::line(format_args!(
-                "step {:>6}, epoch {:>3}, {minutes:.1} min, {left:.0} min left, {rate:.0} samples/s \
-                 ({waited:.1} % of the time waiting for them): loss {:.4}{scores}",
-                report.step, report.epoch, report.loss
+                "step {:>6}, epoch {:>3}, {}, {left} left, {rate} samples/s ({waited} of the time \
+                 waiting for them): loss {}{scores}",
+                report.step,
+                report.epoch,
+                human::duration(elapsed),
+                decimal(report.loss, 4)
             ));
         });
     }

@@ -9,12 +9,16 @@ const LENGTH: Duration = Duration::from_secs(20);
 /// Growth of memory from one third of that time to the next that is still noise, bytes.
 pub(crate) const NOISE: u64 = 24 << 20;
 
-/// How long nodes are watched: `SWATH_SOAK_S` seconds, if it is set.
+/// How long nodes are to be watched by the clock: `SWATH_SOAK_S` seconds, if it is set. Only then the
+/// machine is taken to do nothing else.
+pub(crate) fn asked_for() -> Option<Duration> {
+    let seconds = std::env::var("SWATH_SOAK_S").ok()?;
+    Some(Duration::from_secs(seconds.parse().unwrap()))
+}
+
+/// How long nodes are watched, whether by the clock or not.
 pub(crate) fn length() -> Duration {
-    let seconds = std::env::var("SWATH_SOAK_S").ok();
-    seconds.map_or(LENGTH, |seconds| {
-        Duration::from_secs(seconds.parse().unwrap())
-    })
+    asked_for().unwrap_or(LENGTH)
 }
 
 /// Resident memory of a node, bytes.

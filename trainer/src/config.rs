@@ -9,9 +9,9 @@ use crate::optimiser::AdamConfig;
 use crate::schedule::Schedule;
 
 /// Most samples in a batch.
-const MAX_BATCH: usize = 4096;
+pub const MAX_BATCH: usize = 4096;
 /// Most passes over the data.
-const MAX_EPOCHS: u64 = 1_000_000;
+pub const MAX_EPOCHS: u64 = 1_000_000;
 
 /// How a network is trained.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]

@@ -27,7 +27,7 @@ mod train;
 
 pub use batch::{Batch, Preparation};
 pub use checkpoint::{Checkpoint, Progress, write_atomically};
-pub use config::TrainConfig;
+pub use config::{MAX_BATCH, MAX_EPOCHS, TrainConfig};
 pub use dataset::{Dataset, MAX_EXAMPLES};
 pub use error::Error;
 pub use evaluate::{Predictor, Report, evaluate, ranked};

@@ -7,6 +7,7 @@ use polars::prelude::{
 };
 use swath_bridge::keys;
 
+use super::stops::{Stop, stops};
 use crate::Error;
 use crate::error::InTable as _;
 use crate::frames::{counts, names, numbers};
@@ -14,6 +15,9 @@ use crate::spread::Spread;
 use crate::tables::Tables;
 
 const TABLE: &str = "planner_health";
+
+/// A plan that is ready so soon after its deadline is not late, milliseconds.
+pub(crate) const LATE_MS: f64 = 10.0;
 
 /// One vehicle's planner.
 #[derive(Debug, Clone, PartialEq)]
@@ -28,8 +32,16 @@ pub(crate) struct PlannerHealth {
     pub(crate) skipped: u64,
     /// Plans that used a network.
     pub(crate) with_network: u64,
+    /// Targets of all plans.
+    pub(crate) targets: u64,
+    /// Targets to which a path was found.
+    pub(crate) solved: u64,
     /// Plans of live grids that chose no path, which tells the vehicle to stop.
     pub(crate) stops: u64,
+    /// Why they chose none, as far as their targets tell; ordered by cause.
+    pub(crate) stops_by_cause: BTreeMap<Stop, u64>,
+    /// Plans that were ready more than [`LATE_MS`] after their deadline.
+    pub(crate) late: u64,
     /// By how much plans with a deadline passed it; 0 for those that kept it.
     pub(crate) late_ms: Option<Spread>,
     /// From a grid's arrival to its report; of plans of live grids only.
@@ -42,7 +54,9 @@ struct Seen {
     grids: u64,
     plans: u64,
     with_network: u64,
-    stops: u64,
+    targets: u64,
+    solved: u64,
+    stops_by_cause: BTreeMap<Stop, u64>,
     late_ms: Vec<f64>,
     /// Grids skipped before the planner was last restarted.
     skipped_before: u64,
@@ -71,7 +85,9 @@ pub(super) fn planners(tables: &Tables) -> Result<Vec<PlannerHealth>, Error> {
     let deadlines_ms = numbers(&tables.plans, "deadline_ms", TABLE)?;
     let totals_ms = numbers(&tables.plans, "total_ms", TABLE)?;
     let smooth_ms = numbers(&tables.plans, "smooth_ms", TABLE)?;
-    let chosen = numbers(&tables.plans, "chosen", TABLE)?;
+    let targets = counts(&tables.plans, "targets", TABLE)?;
+    let solved = counts(&tables.plans, "solved", TABLE)?;
+    let stopped = stops(tables)?;
     let mut planners: BTreeMap<String, Seen> = BTreeMap::new();
     for (vehicle, grids) in grids(tables)? {
         planners.entry(vehicle).or_default().grids = grids;
@@ -79,12 +95,16 @@ pub(super) fn planners(tables: &Tables) -> Result<Vec<PlannerHealth>, Error> {
     for (row, vehicle) in vehicles.into_iter().enumerate() {
         let seen = planners.entry(vehicle).or_default();
         seen.plans += 1;
+        seen.targets += targets[row];
+        seen.solved += solved[row];
         seen.with_network += u64::from(versions[row] > 0);
         seen.count_skipped(recordings[row], skipped[row]);
         // A plan that did not wait for a grid, as in a benchmark, has no latency.
         if latencies_ms[row] > 0.0 {
             seen.latencies_ms.push(latencies_ms[row]);
-            seen.stops += u64::from(chosen[row] < 0.0);
+            if let Some(&cause) = stopped.get(&(row as u64)) {
+                *seen.stops_by_cause.entry(cause).or_default() += 1;
+            }
         }
         if deadlines_ms[row] > 0.0 {
             let took_ms = totals_ms[row] + smooth_ms[row];
@@ -99,7 +119,11 @@ pub(super) fn planners(tables: &Tables) -> Result<Vec<PlannerHealth>, Error> {
             plans: seen.plans,
             skipped: seen.skipped_before.saturating_add(seen.skipped.1),
             with_network: seen.with_network,
-            stops: seen.stops,
+            targets: seen.targets,
+            solved: seen.solved,
+            stops: seen.stops_by_cause.values().sum(),
+            stops_by_cause: seen.stops_by_cause,
+            late: seen.late_ms.iter().filter(|late| **late > LATE_MS).count() as u64,
             late_ms: Spread::of(seen.late_ms),
             latency_ms: Spread::of(seen.latencies_ms),
         })

@@ -6,10 +6,11 @@ use polars::prelude::DataFrame;
 
 use crate::Error;
 use crate::frames::{counts, names, numbers};
-use crate::spread::Spread;
+use crate::spread::{Spread, ratio};
 use crate::tables::Tables;
 
 const TABLE: &str = "training_health";
+const NANOS_PER_S: f64 = 1e9;
 
 /// The last word of a training run.
 #[derive(Debug, Clone, PartialEq)]
@@ -30,12 +31,50 @@ pub(crate) struct TrainerHealth {
     pub(crate) duplicates: u64,
     /// Samples that did not decode or did not fit.
     pub(crate) rejected: u64,
-    /// Rate, loss and mIoU.
+    /// Steps per second between its statuses, by their stamps; time between recordings does not count.
+    pub(crate) steps_per_s: Option<f64>,
+    /// Samples per second, as the last status says.
     pub(crate) samples_per_s: f64,
     /// Loss.
     pub(crate) loss: f64,
     /// NaN when nothing was evaluated.
     pub(crate) miou: f64,
+}
+
+/// What a status tells of the pace.
+#[derive(Debug, Clone, Copy)]
+struct Told {
+    recording: u64,
+    step: u64,
+    stamp_nanos: u64,
+}
+
+/// Steps and the time that they took.
+#[derive(Debug, Default)]
+struct Pace {
+    last: Option<Told>,
+    steps: u64,
+    nanos: u64,
+}
+
+impl Pace {
+    /// Counts from the last status of the same recording to this one, unless the run began anew.
+    fn add(&mut self, told: Told) {
+        let before = self.last.filter(|last| {
+            last.recording == told.recording
+                && last.step <= told.step
+                && last.stamp_nanos <= told.stamp_nanos
+        });
+        if let Some(before) = before {
+            self.steps += told.step - before.step;
+            self.nanos += told.stamp_nanos - before.stamp_nanos;
+        }
+        self.last = Some(told);
+    }
+
+    fn steps_per_s(&self) -> Option<f64> {
+        ratio(self.steps as f64, self.nanos as f64 / NANOS_PER_S)
+    }
 }
 
 /// The last status of each run, ordered by run.
@@ -48,7 +87,10 @@ pub(super) fn trainers(status: &DataFrame) -> Result<Vec<TrainerHealth>, Error> 
     let (gaps, duplicates) = (count("gaps")?, count("duplicates")?);
     let rejected = count("rejected")?;
     let (rates, losses, mious) = (number("samples_per_s")?, number("loss")?, number("miou")?);
+    let stamps = count("stamp_nanos")?;
     let mut last: BTreeMap<&str, TrainerHealth> = BTreeMap::new();
+    let recordings = count("recording")?;
+    let mut paces: BTreeMap<&str, Pace> = BTreeMap::new();
     for (row, run) in runs.iter().enumerate() {
         let before = last.get(run.as_str());
         // The last status need not come with an evaluation; the last one that did counts.
@@ -56,6 +98,12 @@ pub(super) fn trainers(status: &DataFrame) -> Result<Vec<TrainerHealth>, Error> 
             Some(before) if !mious[row].is_finite() => before.miou,
             _ => mious[row],
         };
+        let pace = paces.entry(run).or_default();
+        pace.add(Told {
+            recording: recordings[row],
+            step: steps[row],
+            stamp_nanos: stamps[row],
+        });
         let newest = TrainerHealth {
             run: run.clone(),
             statuses: before.map_or(0, |before| before.statuses) + 1,
@@ -65,6 +113,7 @@ pub(super) fn trainers(status: &DataFrame) -> Result<Vec<TrainerHealth>, Error> 
             gaps: gaps[row],
             duplicates: duplicates[row],
             rejected: rejected[row],
+            steps_per_s: pace.steps_per_s(),
             samples_per_s: rates[row],
             loss: losses[row],
             miou,

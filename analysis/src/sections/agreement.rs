@@ -2,8 +2,9 @@
 
 use super::Section;
 use crate::agreement::Agreement;
-use crate::format::{count, optional, percent};
+use crate::format::{count, interval, optional, percent};
 use crate::grid::Grid;
+use crate::interval::{Interval, MIN_COMPARED_SAMPLES};
 use crate::paper;
 
 /// The section, from every agreement.
@@ -14,7 +15,9 @@ pub(crate) fn section(agreements: &[Agreement], drawn: &[String]) -> Section {
     } else {
         section.paragraph(
             "Intersection over union of the path's cells, of all other cells, and their mean, from \
-             counts added up over all samples. Of each run's weights the newest version that was \
+             counts added up over all samples. The interval holds the mIoU over many more samples of \
+             the same kind with a probability of 95 % (Wilson's interval, which is wide for a mean of \
+             shares). Of each run's weights the newest version that was \
              evaluated is shown; the others are in `tables/agreement.csv`. Predictors marked as \
              baselines learned nothing.",
         );
@@ -23,6 +26,13 @@ pub(crate) fn section(agreements: &[Agreement], drawn: &[String]) -> Section {
             "Agreement of regions with labels.".to_owned(),
             table(agreements),
         );
+        if !newest(agreements).any(Agreement::is_comparable) {
+            section.paragraph(&format!(
+                "The paper's mIoU is not shown beside these: no learned predictor was evaluated on \
+                 {MIN_COMPARED_SAMPLES} samples or more, and over fewer the mIoU is too uncertain to \
+                 compare."
+            ));
+        }
         let groups = groups(agreements);
         if groups.has_rows() {
             section.heading("By kind of scene and distance of the target");
@@ -48,10 +58,11 @@ fn table(agreements: &[Agreement]) -> Grid {
         "dilation (m)",
         "samples",
         "mIoU",
+        "95 % interval",
         "IoU path",
         "IoU background",
         "joined",
-        "ms a sample",
+        "ms per sample",
     ]);
     let of_all = |agreement: &&Agreement| agreement.subject.group.is_empty();
     for agreement in newest(agreements).filter(of_all) {
@@ -69,15 +80,22 @@ fn table(agreements: &[Agreement]) -> Grid {
             format!("{:.2}", subject.dilation_mm as f64 / 1000.0),
             count(sums.samples),
             percent(sums.miou()),
+            interval(sums.miou_interval()),
             percent(sums.iou_path()),
             percent(sums.iou_background()),
             percent(sums.joined_share()),
             optional(sums.ms_per_sample()),
         ]);
     }
-    let empty = std::iter::repeat_n(String::new(), 4);
-    let paper = [count(paper::TEST_SAMPLES), percent(Some(paper::MIOU))];
-    grid.row(["paper".to_owned()].into_iter().chain(empty).chain(paper));
+    if newest(agreements).any(Agreement::is_comparable) {
+        let empty = std::iter::repeat_n(String::new(), 4);
+        let paper = [
+            count(paper::TEST_SAMPLES),
+            percent(Some(paper::MIOU)),
+            interval(Interval::of_mean(paper::MIOU, paper::TEST_SAMPLES)),
+        ];
+        grid.row(["paper".to_owned()].into_iter().chain(empty).chain(paper));
+    }
     grid
 }
 

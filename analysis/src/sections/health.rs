@@ -6,7 +6,7 @@ use super::Section;
 use crate::format::{NOTHING, count, median, optional, percent, share};
 use crate::grid::Grid;
 use crate::health::{
-    Health, OutcomeCount, PlannerHealth, SampleHealth, TrainerHealth, WeightsHealth,
+    Health, LATE_MS, OutcomeCount, PlannerHealth, SampleHealth, TrainerHealth, WeightsHealth,
 };
 use crate::spread::Spread;
 
@@ -94,8 +94,9 @@ fn trainers(section: &mut Section, trainers: &[TrainerHealth]) {
     let mut grid = Grid::new([
         "run",
         "steps",
+        "steps per second",
         "samples",
-        "a second",
+        "samples per second",
         "received",
         "missing",
         "duplicates",
@@ -107,6 +108,7 @@ fn trainers(section: &mut Section, trainers: &[TrainerHealth]) {
         grid.row([
             trainer.run.clone(),
             count(trainer.step),
+            optional(trainer.steps_per_s),
             count(trainer.samples),
             crate::format::significant(trainer.samples_per_s),
             count(trainer.received),
@@ -165,7 +167,10 @@ fn planners(section: &mut Section, planners: &[PlannerHealth], drawn: &[String])
         "planned",
         "skipped",
         "with a network",
+        "targets",
+        "solved",
         "stops",
+        "late",
         "over the deadline, most (ms)",
         "latency p50 (ms)",
         "p99 (ms)",
@@ -179,7 +184,10 @@ fn planners(section: &mut Section, planners: &[PlannerHealth], drawn: &[String])
             count(planner.plans),
             count(planner.skipped),
             count(planner.with_network),
+            count(planner.targets),
+            count(planner.solved),
             count(planner.stops),
+            count(planner.late),
             optional(planner.late_ms.map(|late| late.most)),
             latency(|spread| spread.median),
             latency(|spread| spread.p99),
@@ -187,7 +195,29 @@ fn planners(section: &mut Section, planners: &[PlannerHealth], drawn: &[String])
         ]);
     }
     section.table(&grid);
+    section.paragraph(&format!(
+        "A plan is late if it is ready more than {LATE_MS:.0} ms after its deadline. A stop is a plan of a \
+         live grid without a path to follow."
+    ));
+    stops(section, planners);
     section.plot(drawn, "latency.svg", "Latency of plans");
+}
+
+/// Why frames were stopped, a row per vehicle and cause.
+fn stops(section: &mut Section, planners: &[PlannerHealth]) {
+    let mut grid = Grid::new(["vehicle", "stops", "because"]);
+    for planner in planners {
+        for (cause, frames) in &planner.stops_by_cause {
+            grid.row([
+                planner.vehicle.clone(),
+                count(*frames),
+                cause.words().to_owned(),
+            ]);
+        }
+    }
+    if grid.has_rows() {
+        section.table(&grid);
+    }
 }
 
 /// Counts by method, a column for each name: those that are known first, as far as there are any.

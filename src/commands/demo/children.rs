@@ -10,7 +10,10 @@ use nix::sys::signal::{Signal, kill};
 use nix::unistd::Pid;
 
 /// Time that a node has to stop when it is asked to.
-const PATIENCE: Duration = Duration::from_secs(30);
+const PATIENCE: Duration = Duration::from_mins(2);
+
+/// Niceness of nodes in the background: they get about a tenth of a processor that others want.
+const BACKGROUND_NICENESS: i32 = 10;
 
 /// Starts nodes of this very program.
 #[derive(Debug)]
@@ -40,8 +43,13 @@ impl Launcher {
         })
     }
 
-    /// Starts a node.
-    pub(super) fn start(&self, name: String, arguments: Vec<String>) -> anyhow::Result<Child> {
+    /// Starts a node. One in the background leaves the processors to the others when they want them.
+    pub(super) fn start(
+        &self,
+        name: String,
+        arguments: Vec<String>,
+        is_background: bool,
+    ) -> anyhow::Result<Child> {
         let log = self.logs.join(format!("{name}.log"));
         let file = File::create(&log).with_context(|| log.display().to_string())?;
         let process = tokio::process::Command::new(&self.program)
@@ -53,7 +61,21 @@ impl Launcher {
             .kill_on_drop(true)
             .spawn()
             .with_context(|| format!("{name} did not start"))?;
+        if is_background {
+            to_background(&name, process.id());
+        }
         Ok(Child { name, process, log })
+    }
+}
+
+/// Makes a process that has just been started one of less weight; its threads come later and follow it.
+fn to_background(name: &str, id: Option<u32>) {
+    let id = id.and_then(|id| i32::try_from(id).ok());
+    let Some(id) = id.and_then(rustix::process::Pid::from_raw) else {
+        return;
+    };
+    if let Err(error) = rustix::process::setpriority_process(Some(id), BACKGROUND_NICENESS) {
+        tracing::debug!("{name} keeps its priority: {error}");
     }
 }
 

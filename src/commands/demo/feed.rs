@@ -13,8 +13,6 @@ use tokio::time::MissedTickBehavior;
 
 use crate::config::Config;
 
-/// Time between two grids.
-const PERIOD: Duration = Duration::from_millis(100);
 /// Seed of the simulated drive.
 const SEED: u64 = 2026;
 /// Name of the vehicle in the keys.
@@ -98,11 +96,11 @@ impl Vehicle {
     }
 }
 
-/// Publishes ten frames a second until it is dropped.
-pub(super) async fn run(session: Session, feed: Feed) -> anyhow::Result<()> {
+/// Publishes a frame every `period` until it is dropped.
+pub(super) async fn run(session: Session, feed: Feed, period: Duration) -> anyhow::Result<()> {
     let vehicle = Vehicle::new(&session, VEHICLE).await?;
     let guided = Vehicle::new(&session, GUIDED).await?;
-    let mut ticks = tokio::time::interval(PERIOD);
+    let mut ticks = tokio::time::interval(period);
     ticks.set_missed_tick_behavior(MissedTickBehavior::Delay);
     let mut frames = feed.frames();
     let mut number = 0u64;

@@ -9,6 +9,7 @@ use swath_generator::Generator;
 use swath_generator::node::{self, NodeConfig};
 
 use crate::cli::{GenerateOptions, NetworkOptions};
+use crate::human;
 use crate::output::{self, Failure};
 use crate::reporter::{Pace, Reporter};
 use crate::runtime::{stop_signal, with_session};
@@ -44,10 +45,10 @@ pub(super) fn run(
         .context("generator node")
     })?;
     drop(reporter);
-    let rate = summary.published as f64 / started.elapsed().as_secs_f64();
     output::note(format_args!(
-        "published {} samples, {rate:.1} a second",
-        summary.published
+        "published {} samples, {} a second",
+        summary.published,
+        human::rate_of(summary.published, started.elapsed())
     ));
     Ok(())
 }
@@ -61,6 +62,10 @@ fn standing(published: &Arc<AtomicU64>) -> impl FnMut() -> String + Send + 'stat
         if count == 0 {
             return "waits for a trainer or a recorder".to_owned();
         }
-        format!("{count} samples published, {per_second:.1} a second")
+        format!(
+            "{} samples published, {} a second",
+            human::count(count),
+            human::rate(per_second)
+        )
     }
 }

@@ -11,6 +11,7 @@ use swath_planner::node::{self, NodeConfig, ServedNetwork};
 use super::network_of;
 use crate::cli::{NetworkOptions, PlanOptions};
 use crate::config::Config;
+use crate::human;
 use crate::output::Failure;
 use crate::reporter::{Pace, Reporter};
 use crate::runtime::{stop_signal, with_session};
@@ -35,6 +36,7 @@ pub(super) fn run(
     let reporter = Reporter::start("planner", &options.vehicle, standing(options, &tally));
     let summary = with_session(network, async |session| {
         let observe = |report: &PlanReport| {
+            tracing::debug!("{}", describe(report));
             tally
                 .lock()
                 .unwrap_or_else(PoisonError::into_inner)
@@ -103,10 +105,11 @@ fn standing(
             return waits.clone();
         }
         format!(
-            "{} frames planned ({per_second:.1} a second), {} solved, {} stopped",
-            tally.planned,
-            tally.planned - tally.stopped,
-            tally.stopped
+            "{} frames planned, {} a second, {} solved, {} stopped",
+            human::count(tally.planned),
+            human::rate(per_second),
+            human::count(tally.planned - tally.stopped),
+            human::count(tally.stopped)
         )
     }
 }
@@ -122,7 +125,7 @@ fn advised(error: Error) -> anyhow::Error {
 }
 
 /// One line about a planned frame.
-pub(crate) fn describe(report: &PlanReport) -> String {
+fn describe(report: &PlanReport) -> String {
     let solved = report
         .targets
         .iter()

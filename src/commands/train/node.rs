@@ -12,6 +12,7 @@ use swath_trainer::node::{self, NodeConfig};
 use super::make_directory;
 use crate::cli::{NetworkOptions, TrainOptions};
 use crate::config::Config;
+use crate::human;
 use crate::output::{self, Failure};
 use crate::reporter::Reporter;
 use crate::runtime::{stop_signal, with_session};
@@ -33,12 +34,17 @@ pub(super) fn run(
         grid: config.grid,
         vehicle: config.vehicle,
         directory: Some(options.out.clone()),
-        publish_every_steps: options.publish_every.max(1),
+        publish_every_steps: options.publish_every,
         replay_capacity: options.keep,
         ..NodeConfig::new(
             &options.run,
             load_or_create_key(&options.out.join(KEY_FILE))?,
         )
+    };
+    // With less to keep than it waits for, the first step would never come.
+    let node_config = NodeConfig {
+        first_samples: node_config.first_samples.min(options.keep),
+        ..node_config
     };
     let newest = Arc::new(Mutex::new(None));
     let reporter = Reporter::start("trainer", &options.run, standing(&newest));
@@ -53,6 +59,7 @@ pub(super) fn run(
     drop(reporter);
     let miou = summary
         .miou
+        .filter(|miou| miou.is_finite())
         .map_or_else(|| "not scored".to_owned(), |miou| format!("{miou:.4}"));
     output::note(format_args!(
         "{} steps, weights v{} (mIoU {miou}) in {}",
@@ -77,8 +84,11 @@ fn standing(newest: &Arc<Mutex<Option<TrainStatus>>>) -> impl FnMut() -> String 
             String::new()
         };
         format!(
-            "step {}, loss {:.3}{miou}, {} samples received, weights v{}",
-            status.step, status.loss, status.received, status.weights_version
+            "step {}, loss {}{miou}, {} samples received, weights v{}",
+            status.step,
+            human::decimal(status.loss.into(), 3),
+            human::count(status.received),
+            status.weights_version
         )
     }
 }
