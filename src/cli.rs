@@ -70,13 +70,14 @@ pub(crate) struct Cli {
 /// How nodes find one another.
 #[derive(Debug, Clone, Default, Args)]
 pub(crate) struct NetworkOptions {
-    /// Listen here instead of on loopback, for example tcp/0.0.0.0:7447
+    /// Listen here instead of on loopback and relay, for example tcp/0.0.0.0:7447
     #[arg(long, global = true, value_name = "ENDPOINT")]
     pub(crate) listen: Vec<String>,
-    /// Connect there, for example tcp/10.0.0.2:7447
+    /// Connect there and stay connected, for example tcp/10.0.0.2:7447
     #[arg(long, global = true, value_name = "ENDPOINT")]
     pub(crate) connect: Vec<String>,
-    /// Prefix of all keys, to keep systems apart
+    /// Prefix of all keys, to keep systems apart; - for none [default: user-<number of the user> on
+    /// loopback, none with --listen, --connect or a zenoh file that names endpoints]
     #[arg(long, global = true, value_name = "NAME", value_parser = values::namespace)]
     pub(crate) namespace: Option<String>,
     /// zenoh configuration file (JSON5); `ZENOH_CONFIG` names one too

@@ -8,6 +8,7 @@ mod network;
 mod output;
 mod outputs;
 mod progress;
+mod reporter;
 mod runtime;
 
 use std::process::ExitCode;

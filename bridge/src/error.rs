@@ -117,6 +117,14 @@ pub enum Error {
         /// Zenoh's word.
         r#source: Box<dyn std::error::Error + Send + Sync>,
     },
+    /// Another node has the name of one that must be alone.
+    #[error("a {kind} {id} runs already")]
+    NodeTaken {
+        /// What the node does, for example `planner`.
+        kind: String,
+        /// Its name.
+        id: String,
+    },
     /// Every port at which the sessions of a machine meet is taken.
     #[error(
         "every port from {first} to {last} on 127.0.0.1 is taken: give an endpoint to listen on"

@@ -120,9 +120,14 @@ pub fn explored(vehicle: &str) -> Topic<OccupancyGrid> {
     Topic::new(format!("swath/vehicle/{vehicle}/explored"), Qos::Lossy)
 }
 
-/// The liveliness token of a node.
+/// What the liveliness tokens of a node begin with; behind it each has a part of its own.
 pub fn node(kind: &str, id: &str) -> String {
     format!("swath/node/{kind}/{id}")
+}
+
+/// Every liveliness token of a node, or of all of a kind for the id `*`.
+pub fn node_tokens(kind: &str, id: &str) -> String {
+    format!("{}/*", node(kind, id))
 }
 
 /// The topic of a key in a recording.

@@ -3,6 +3,7 @@
 //! grids, the vehicle's dimensions, outcomes.
 
 mod atomic_file;
+mod caught;
 pub mod cdr;
 pub mod clock;
 mod drivability;
@@ -28,6 +29,7 @@ mod subscriber;
 mod vehicle;
 mod weights_store;
 
+pub use caught::caught;
 pub use drivability::Drivability;
 pub use error::Error;
 pub use frame::Frame;
@@ -36,7 +38,7 @@ pub use liveliness::{NodeChange, NodeToken, NodeWatcher};
 pub use occupancy::{FREE, OCCUPIED, OCCUPIED_THRESHOLD, Occupancy, UNKNOWN};
 pub use outcome::Outcome;
 pub use publisher::{Publisher, RawPublisher};
-pub use session::{Ports, Session, SessionConfig};
+pub use session::{Ports, Session, SessionConfig, default_namespace, plain_words};
 pub use subscriber::{Counts, Received, Subscriber};
 pub use vehicle::{CurvatureAtSpeed, CurvatureBySpeed, SpeedLimits, Vehicle};
 pub use weights_store::WeightsStore;

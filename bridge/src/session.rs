@@ -1,31 +1,32 @@
 //! Opening zenoh sessions: what a process listens on, whom it finds, and how it closes.
 //!
-//! Without configuration a session stays on the loopback interface and finds the other sessions of
-//! this machine through a small range of fixed ports (see [`loopback`]); a network is opened only by
-//! explicit endpoints, a configuration file, or `ZENOH_CONFIG`.
+//! Without configuration a session stays on the loopback interface, finds the other sessions of this
+//! machine through a small range of fixed ports (see [`loopback`]) and has the namespace of its user.
+//! A network is opened only by explicit endpoints, a configuration file, or `ZENOH_CONFIG`. On a
+//! network sessions relay: whoever is connected, directly or by way of others, hears all others.
 
 mod loopback;
+mod reach;
+mod settings;
+mod words;
 
 use std::path::PathBuf;
-
-use zenoh::Config;
+use std::sync::Arc;
 
 use crate::Error;
 pub use loopback::Ports;
+pub use settings::default_namespace;
+use settings::{Meeting, Settings};
+pub use words::plain_words;
+use words::system_cause;
 
 /// How many times a port is chosen anew because another process was quicker.
 const MOST_PORT_ATTEMPTS: u32 = 8;
 
-/// Batches of 64 KiB that wait to be sent to one peer, by priority. Zenoh's own two each are full
-/// after two messages, and what may be dropped then is while training keeps every core busy.
-const QUEUES: &str = "{ control: 2, real_time: 4, interactive_high: 8, interactive_low: 2, \
-                      data_high: 4, data: 4, data_low: 8, background: 2 }";
-/// How long a message that may be dropped waits for room, microseconds.
-const WAIT_BEFORE_DROP_US: u32 = 5000;
-
 /// How a session is opened.
 ///
 /// Later fields override earlier ones: `file`, or else what `ZENOH_CONFIG` names, or else loopback.
+/// What a file does not say is chosen as without one.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct SessionConfig {
     /// A zenoh configuration file in JSON5.
@@ -34,7 +35,8 @@ pub struct SessionConfig {
     pub listen: Vec<String>,
     /// Endpoints to connect to.
     pub connect: Vec<String>,
-    /// Prefix of every key; sessions of different namespaces do not hear each other.
+    /// Prefix of every key; sessions of different namespaces do not hear each other. Empty for none.
+    /// By default it is that of the file, and [`default_namespace`] on loopback.
     pub namespace: Option<String>,
     /// Where sessions of this machine meet when no endpoint is given.
     pub ports: Ports,
@@ -44,36 +46,49 @@ pub struct SessionConfig {
 #[derive(Debug, Clone)]
 pub struct Session {
     pub(crate) zenoh: zenoh::Session,
+    namespace: Option<String>,
+    /// Endpoints that it was told to connect to; none on loopback.
+    connect: Arc<[String]>,
+    /// Endpoints of loopback that others may listen on.
+    neighbours: Arc<[String]>,
 }
 
 impl Session {
     /// Opens a session.
     ///
     /// # Errors
-    /// [`Error::Network`] if the configuration is not one of zenoh's, or an endpoint cannot be opened.
+    /// [`Error::Network`] if the configuration is not one of zenoh's, or an endpoint cannot be opened,
+    /// [`Error::Io`] if there is no such file, [`Error::BadSetting`] for a namespace that is none.
     pub async fn open(config: &SessionConfig) -> Result<Self, Error> {
-        let has_endpoints = !config.listen.is_empty() || !config.connect.is_empty();
-        let base = base_config(config)?;
-        if let Some(mut zenoh_config) = base {
-            if has_endpoints {
-                set_endpoints(&mut zenoh_config, &config.listen, &config.connect)?;
-            }
-            return open(zenoh_config).await;
-        }
-        let mut zenoh_config = quiet_config(config)?;
-        if has_endpoints {
-            set_endpoints(&mut zenoh_config, &config.listen, &config.connect)?;
-            return open(zenoh_config).await;
+        let settings = Settings::new(config)?;
+        if settings.meeting == Meeting::Network {
+            let (listen, connect) = (settings.listen(), settings.connect());
+            let opened = zenoh::open(settings.zenoh).await;
+            let zenoh = opened.map_err(|error| not_opened(&listen, &connect, &error))?;
+            return Ok(Self {
+                zenoh,
+                namespace: settings.namespace,
+                connect: connect.into(),
+                neighbours: Arc::default(),
+            });
         }
         let mut attempt = 0;
         loop {
             let place = loopback::choose(config.ports)?;
-            let mut zenoh_config = zenoh_config.clone();
+            let mut zenoh_config = settings.zenoh.clone();
             place.apply(&mut zenoh_config)?;
             attempt += 1;
-            match open(zenoh_config).await {
+            match zenoh::open(zenoh_config).await {
+                Ok(zenoh) => {
+                    return Ok(Self {
+                        zenoh,
+                        namespace: settings.namespace,
+                        connect: Arc::default(),
+                        neighbours: place.below().into(),
+                    });
+                }
                 Err(_) if attempt < MOST_PORT_ATTEMPTS && !place.is_free() => {}
-                opened => return opened,
+                Err(error) => return Err(network("no session could be opened", error)),
             }
         }
     }
@@ -103,6 +118,16 @@ impl Session {
         peers
     }
 
+    /// Prefix of all its keys, if there is one.
+    pub fn namespace(&self) -> Option<&str> {
+        self.namespace.as_deref()
+    }
+
+    /// Endpoints that it was told to connect to; none on loopback.
+    pub fn connects_to(&self) -> &[String] {
+        &self.connect
+    }
+
     /// Endpoints that this session can be reached at.
     pub async fn endpoints(&self) -> Vec<String> {
         let locators = self.zenoh.info().locators().await;
@@ -110,71 +135,37 @@ impl Session {
     }
 }
 
-async fn open(config: Config) -> Result<Session, Error> {
-    match zenoh::open(config).await {
-        Ok(zenoh) => Ok(Session { zenoh }),
-        Err(error) => Err(network("no session could be opened", error)),
-    }
-}
-
-/// What the user's own configuration says, if there is one.
-fn base_config(config: &SessionConfig) -> Result<Option<Config>, Error> {
-    let loaded = match (
-        &config.file,
-        std::env::var_os(Config::DEFAULT_CONFIG_PATH_ENV),
-    ) {
-        (Some(path), _) => Config::from_file(path)
-            .map_err(|error| network(&format!("configuration {}", path.display()), error))?,
-        (None, Some(_)) => Config::from_env()
-            .map_err(|error| network("configuration named by ZENOH_CONFIG", error))?,
-        (None, None) => return Ok(None),
+/// Why a session on a network could not be opened, with the endpoint that is to blame.
+fn not_opened(listen: &[String], connect: &[String], error: &zenoh::Error) -> Error {
+    let text = plain_words(&error.to_string());
+    let is_named = |endpoint: &&String| {
+        let address = endpoint.split_once('/').map_or("", |(_, address)| address);
+        !address.is_empty() && text.contains(address)
     };
-    let mut loaded = loaded;
-    if let Some(namespace) = &config.namespace {
-        set(&mut loaded, "namespace", &json_list(namespace))?;
+    let named: Vec<&str> = listen.iter().filter(is_named).map(String::as_str).collect();
+    let what = if !named.is_empty() {
+        format!("cannot listen on {}", named.join(", "))
+    } else if !listen.is_empty() {
+        format!("cannot listen on {}", listen.join(", "))
+    } else if !connect.is_empty() {
+        format!("cannot connect to {}", connect.join(", "))
+    } else {
+        "no session could be opened".to_owned()
+    };
+    Error::Network {
+        what,
+        source: system_cause(&text).into(),
     }
-    Ok(Some(loaded))
-}
-
-/// A peer that opens nothing by itself.
-fn quiet_config(config: &SessionConfig) -> Result<Config, Error> {
-    let mut quiet = Config::default();
-    set(&mut quiet, "mode", "\"peer\"")?;
-    set(&mut quiet, "scouting/multicast/enabled", "false")?;
-    set(&mut quiet, "listen/endpoints", "[]")?;
-    // The recorder takes the time at which a message was sent from its timestamp.
-    set(&mut quiet, "timestamping/enabled", "true")?;
-    set(&mut quiet, "transport/link/tx/queue/size", QUEUES)?;
-    set(
-        &mut quiet,
-        "transport/link/tx/queue/congestion_control/drop/wait_before_drop",
-        &WAIT_BEFORE_DROP_US.to_string(),
-    )?;
-    if let Some(namespace) = &config.namespace {
-        set(&mut quiet, "namespace", &json_list(namespace))?;
-    }
-    Ok(quiet)
-}
-
-fn set_endpoints(config: &mut Config, listen: &[String], connect: &[String]) -> Result<(), Error> {
-    set(config, "listen/endpoints", &json_list(listen))?;
-    set(config, "connect/endpoints", &json_list(connect))
-}
-
-fn set(config: &mut Config, key: &str, value: &str) -> Result<(), Error> {
-    config
-        .insert_json5(key, value)
-        .map_err(|error| network(&format!("{key} = {value}"), error))
-}
-
-fn json_list<T: serde::Serialize + ?Sized>(value: &T) -> String {
-    serde_json::to_string(value).unwrap_or_default()
 }
 
 /// Zenoh's errors are boxed without a type; what was being done is the evidence that we have.
+#[expect(
+    clippy::needless_pass_by_value,
+    reason = "errors are handed over, and what is kept of them is their text"
+)]
 pub(crate) fn network(what: &str, source: zenoh::Error) -> Error {
     Error::Network {
         what: what.to_owned(),
-        source,
+        source: plain_words(&source.to_string()).into(),
     }
 }

@@ -101,7 +101,7 @@ impl Session {
         let watched = self
             .zenoh
             .liveliness()
-            .declare_subscriber(keys::node(STORE_KIND, "*"))
+            .declare_subscriber(keys::node_tokens(STORE_KIND, "*"))
             .history(true)
             .callback(move |token| {
                 if token.kind() == SampleKind::Put {

@@ -259,9 +259,44 @@ async fn a_configuration_file_opens_what_it_says_and_endpoints_override_it() {
     std::fs::write(&file, "{ listen: 7 }").unwrap();
     let error = Session::open(&config).await.unwrap_err().to_string();
     assert!(error.contains("zenoh.json5"), "{error}");
+    is_plain(&error);
     config.file = Some(dir.path().join("none.json5"));
     let error = Session::open(&config).await.unwrap_err().to_string();
     assert!(error.contains("none.json5"), "{error}");
+    is_plain(&error);
+}
+
+/// Checks that an error has no place in a source file, and says nothing twice.
+fn is_plain(error: &str) {
+    assert!(!error.contains(".rs:"), "{error}");
+    for cause in ["No such file", "Address already in use", "os error"] {
+        assert!(error.matches(cause).count() <= 1, "{error}");
+    }
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn an_endpoint_that_cannot_be_opened_is_named_once_with_its_cause() {
+    let holder = SessionConfig {
+        listen: vec!["tcp/127.0.0.1:0".to_owned()],
+        ..SessionConfig::default()
+    };
+    let holder = Session::open(&holder).await.unwrap();
+    let taken = holder.endpoints().await.remove(0);
+    for (listen, cause) in [
+        (taken.as_str(), "in use"),
+        ("tcp/192.0.2.1:7447", "assign"),
+        ("tcp/127.0.0.1", "127.0.0.1"),
+        ("nonsense", "nonsense"),
+        ("carrier-pigeon/127.0.0.1:1", "carrier-pigeon"),
+    ] {
+        let config = SessionConfig {
+            listen: vec![listen.to_owned()],
+            ..SessionConfig::default()
+        };
+        let error = Session::open(&config).await.unwrap_err().to_string();
+        assert!(error.contains(listen) && error.contains(cause), "{error}");
+        is_plain(&error);
+    }
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]

@@ -52,6 +52,12 @@ pub enum Error {
         /// Most that it may be.
         most: f64,
     },
+    /// A part of the node panicked.
+    #[error("the node panicked: {what}")]
+    Panicked {
+        /// What the panic said.
+        what: String,
+    },
     /// A setting of following paths is out of its range.
     #[error("follow.{field} is {value}, expected 0 to {most}")]
     FollowConfig {

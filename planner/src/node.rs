@@ -25,8 +25,8 @@ use swath_bridge::msg::nav::{OccupancyGrid, Odometry, Path};
 use swath_bridge::msg::swath::{PlanReport, Weights};
 use swath_bridge::poses::{path_message, pose_of_ros, poses_of_path, ros_pose};
 use swath_bridge::{
-    FREE, GridSpec, OCCUPIED, Occupancy, Publisher, Received, Session, Subscriber, Vehicle, clock,
-    keys, signature,
+    FREE, GridSpec, OCCUPIED, Occupancy, Publisher, Received, Session, Subscriber, Vehicle, caught,
+    clock, keys, signature,
 };
 use tokio::task::{JoinHandle, spawn_blocking};
 use tokio::time::Instant;
@@ -70,6 +70,8 @@ pub struct NodeConfig {
     pub run: String,
     /// Keys whose weights are trusted; with none, any intact weights are.
     pub trusted: Vec<signature::VerifyingKey>,
+    /// Whether it plans although another planner plans for the vehicle; else that is an error.
+    pub shares_vehicle: bool,
 }
 
 /// A network and where it came from.
@@ -98,21 +100,40 @@ pub struct NodeSummary {
 
 /// Runs a planner node until `stop` is done. `observe` sees every report that is published.
 ///
+/// Whatever ends it, a panic included, the last path is withdrawn.
+///
 /// # Errors
-/// [`Error::Bridge`] when the session fails, and errors of [`MotionModel::new`].
+/// [`Error::Bridge`] when the session fails or another planner plans for the vehicle,
+/// [`Error::Panicked`], and errors of [`MotionModel::new`].
 pub async fn run(
     session: &Session,
     config: NodeConfig,
     initial: Option<ServedNetwork>,
     stop: impl Future<Output = ()>,
-    mut observe: impl FnMut(&PlanReport),
+    observe: impl FnMut(&PlanReport),
 ) -> Result<NodeSummary, Error> {
     let mut node = Node::new(session, config, initial).await?;
+    let served = caught(serve(&mut node, stop, observe)).await;
+    let served = served.unwrap_or_else(|what| Err(Error::Panicked { what }));
+    let withdrawn = if node.expires.is_some() || served.is_err() {
+        node.withdraw("the node ends").await
+    } else {
+        Ok(())
+    };
+    served.and(withdrawn).map(|()| node.summary)
+}
+
+/// Plans on grids until `stop` is done.
+async fn serve(
+    node: &mut Node,
+    stop: impl Future<Output = ()>,
+    mut observe: impl FnMut(&PlanReport),
+) -> Result<(), Error> {
     let mut stop = pin!(stop);
     loop {
         tokio::select! {
             biased;
-            () = &mut stop => break,
+            () = &mut stop => return Ok(()),
             Some(weights) = node.inputs.weights.recv() => node.take_weights(weights).await,
             Some(odom) = node.inputs.odom.recv() => node.take_odom(&odom.message),
             () = passed(node.expires) => {
@@ -123,18 +144,14 @@ pub async fn run(
             }
             Some(targets) = node.inputs.targets.recv() => node.take_targets(&targets.message),
             Some(planned) = finished(&mut node.planning) => {
-                if let Some(report) = node.publish(planned).await? {
+                if let Some(report) = node.publish(planned?).await? {
                     observe(&report);
                 }
             }
             Some(grid) = node.inputs.grid.recv(), if node.planning.is_none() => node.start(grid),
-            else => break,
+            else => return Ok(()),
         }
     }
-    if node.expires.is_some() {
-        node.withdraw("the node ends").await?;
-    }
-    Ok(node.summary)
 }
 
 /// The moment when it has come; never without one.
@@ -146,19 +163,15 @@ async fn passed(moment: Option<Instant>) {
 }
 
 /// The plan that is under way, when it is finished.
-async fn finished(planning: &mut Option<JoinHandle<Planned>>) -> Option<Planned> {
+async fn finished(planning: &mut Option<JoinHandle<Planned>>) -> Option<Result<Planned, Error>> {
     let Some(handle) = planning else {
         return std::future::pending().await;
     };
     let planned = handle.await;
     *planning = None;
-    match planned {
-        Ok(planned) => Some(planned),
-        Err(error) => {
-            tracing::error!("a frame was lost: {error}");
-            std::future::pending().await
-        }
-    }
+    Some(planned.map_err(|error| Error::Panicked {
+        what: error.to_string(),
+    }))
 }
 
 struct Inputs {
@@ -211,6 +224,12 @@ impl Node {
     ) -> Result<Self, Error> {
         let id = config.vehicle_id.as_str();
         config.follow.validate()?;
+        // Before it hears or says anything: of two planners, one would undo what the other does.
+        let token = if config.shares_vehicle {
+            session.declare_node("planner", id).await?
+        } else {
+            session.claim_node("planner", id).await?
+        };
         let model = Arc::new(MotionModel::new(&config.vehicle, config.grid.resolution_m)?);
         let inputs = Inputs {
             grid: session.subscriber(&keys::grid(id), 1).await?,
@@ -237,7 +256,7 @@ impl Node {
             frame_id: String::new(),
             planning: None,
             summary: NodeSummary::default(),
-            _token: session.declare_node("planner", id).await?,
+            _token: token,
             inputs,
             outputs,
             config,

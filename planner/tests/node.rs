@@ -59,6 +59,7 @@ fn config(plan: PlanConfig) -> NodeConfig {
         follow: FollowConfig::default(),
         run: "*".to_owned(),
         trusted: Vec::new(),
+        shares_vehicle: false,
     }
 }
 

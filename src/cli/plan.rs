@@ -48,6 +48,9 @@ pub(crate) struct PlanOptions {
     /// Name of the vehicle to plan for, as a node
     #[arg(long, default_value = "v0", value_name = "NAME")]
     pub(crate) vehicle: String,
+    /// Plan although another planner plans for this vehicle; else that is an error
+    #[arg(long)]
+    pub(crate) share_vehicle: bool,
 }
 
 impl PlanOptions {

@@ -1,6 +1,7 @@
 //! `swath bridge`: recordings and logs.
 
 use std::path::Path;
+use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
 use anyhow::Context;
@@ -9,12 +10,16 @@ use clap::error::ErrorKind;
 use indicatif::ProgressBar;
 use swath_bridge::WeightsStore;
 use swath_bridge::ingest::{GridsOut, IngestReport, Progress, write_grids};
-use swath_bridge::recording::{self, Existing, RecordOptions, Recorder, check_out};
+use swath_bridge::recording::{
+    self, Existing, RecordCounts, RecordOptions, Recorder, check_out,
+};
 
 use crate::cli::{BridgeCommand, Cli, GridsOptions, NetworkOptions, ReplayOptions};
 use crate::config::Config;
+use crate::human;
 use crate::output::{self, Failure};
 use crate::progress;
+use crate::reporter::Reporter;
 use crate::runtime::{stop_signal, with_session};
 
 /// Time between two looks at a recorder.
@@ -49,7 +54,11 @@ fn record(
 ) -> Result<(), Failure> {
     let existing = Existing::of_force(force);
     check_out(out, existing)?;
-    let bar = progress::spinner("recorder");
+    let name = out
+        .file_stem()
+        .map_or_else(String::new, |stem| stem.to_string_lossy().into());
+    let recorded = Arc::new(Mutex::new(RecordCounts::default()));
+    let reporter = Reporter::start("recorder", &name, standing(&recorded));
     let options = RecordOptions {
         path: out.to_owned(),
         existing,
@@ -57,6 +66,7 @@ fn record(
     };
     let counts = with_session(network, async |session| {
         let recorder = Recorder::start(&session, &options).await?;
+        let _token = session.declare_node("recorder", &key_part(&name)).await?;
         // Late planners get the newest weights from here when their trainer is gone.
         let _store = WeightsStore::open(&session, &out.with_extension("weights"), &[]).await?;
         let end = async {
@@ -69,9 +79,7 @@ fn record(
             let mut looks = tokio::time::interval(LOOK_EVERY);
             while recorder.is_running() {
                 looks.tick().await;
-                let counts = recorder.counts();
-                bar.set_position(counts.written);
-                bar.set_message(format!("messages, {} MB", counts.written_bytes / 1_000_000));
+                *recorded.lock().unwrap_or_else(PoisonError::into_inner) = recorder.counts();
             }
         };
         tokio::select! {
@@ -81,13 +89,13 @@ fn record(
         }
         Ok(recorder.finish().await?)
     })?;
-    bar.finish_and_clear();
-    output::line(format_args!(
-        "{} messages ({} MB) written to {}",
+    drop(reporter);
+    output::note(format_args!(
+        "{} messages ({}) written to {}",
         counts.written,
-        counts.written_bytes / 1_000_000,
+        human::bytes(counts.written_bytes),
         out.display()
-    ))?;
+    ));
     let lost = counts.dropped + counts.missed;
     if lost > 0 {
         return Err(Failure::DataLost(format!(
@@ -96,6 +104,37 @@ fn record(
         )));
     }
     Ok(())
+}
+
+/// How the recorder does, in a line.
+fn standing(recorded: &Arc<Mutex<RecordCounts>>) -> impl FnMut() -> String + Send + 'static {
+    let recorded = Arc::clone(recorded);
+    move || {
+        let counts = *recorded.lock().unwrap_or_else(PoisonError::into_inner);
+        let lost = match counts.dropped + counts.missed {
+            0 => String::new(),
+            lost => format!(", {lost} lost"),
+        };
+        format!(
+            "{} messages recorded, {}{lost}",
+            human::count(counts.written),
+            human::bytes(counts.written_bytes)
+        )
+    }
+}
+
+/// A name as a part of a key: what a key has its own use for is a dash.
+fn key_part(name: &str) -> String {
+    let is_plain = |letter: char| letter.is_alphanumeric() || "-_.".contains(letter);
+    let plain: String = name
+        .chars()
+        .map(|letter| if is_plain(letter) { letter } else { '-' })
+        .collect();
+    if plain.is_empty() {
+        "-".to_owned()
+    } else {
+        plain
+    }
 }
 
 fn replay(options: &ReplayOptions, network: &NetworkOptions) -> Result<(), Failure> {

@@ -21,7 +21,7 @@ use self::children::{Child, Launcher};
 use crate::cli::{DemoOptions, NetworkOptions};
 use crate::config::Config;
 use crate::output::{self, Failure};
-use crate::runtime::{stop_signal, with_session};
+use crate::runtime::{on_session, stop_signal};
 use crate::{human, outputs};
 
 /// With fewer processors than this, a demo does less.
@@ -92,7 +92,7 @@ pub(crate) fn run(
         ..NetworkOptions::default()
     };
     let seconds = Duration::from_secs(options.seconds);
-    with_session(&network, async |session| {
+    on_session(&network, async |session| {
         let mut children = Vec::new();
         for node in nodes {
             children.push(launcher.start(node.name, node.arguments, node.is_background)?);
@@ -203,7 +203,7 @@ async fn watch(session: &Session, children: &mut [Child], length: Duration) -> a
                 for child in children.iter_mut() {
                     child.check()?;
                 }
-                say(end, &newest, status.as_ref())?;
+                say(end, &newest, status.as_ref());
             }
         }
     }
@@ -211,22 +211,17 @@ async fn watch(session: &Session, children: &mut [Child], length: Duration) -> a
 }
 
 /// Says how things stand, a line for the trainer and one for each planner.
-fn say(
-    end: Instant,
-    newest: &BTreeMap<String, PlanReport>,
-    status: Option<&TrainStatus>,
-) -> anyhow::Result<()> {
+fn say(end: Instant, newest: &BTreeMap<String, PlanReport>, status: Option<&TrainStatus>) {
     let left = end.saturating_duration_since(Instant::now());
     let left = human::duration(left);
     let training = status.map_or_else(|| "waits for samples".to_owned(), training);
-    output::line(format_args!("[{left:>6} left] trainer: {training}"))?;
+    output::note(format_args!("[{left:>6} left] trainer: {training}"));
     if newest.is_empty() {
-        output::line(format_args!("[{left:>6} left] planners: wait for grids"))?;
+        output::note(format_args!("[{left:>6} left] planners: wait for grids"));
     }
     for plan in newest.values() {
-        output::line(format_args!("[{left:>6} left] {}", planned(plan)))?;
+        output::note(format_args!("[{left:>6} left] {}", planned(plan)));
     }
-    Ok(())
 }
 
 /// A trainer's status in a line.

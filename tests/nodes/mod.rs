@@ -11,7 +11,7 @@ const CONFIG_FILE: &str = "swath.toml";
 
 /// Nodes that share a namespace and a configuration.
 pub(crate) struct System {
-    namespace: String,
+    pub(crate) namespace: String,
     config: PathBuf,
 }
 

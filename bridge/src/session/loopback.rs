@@ -12,7 +12,7 @@ use std::net::{Ipv4Addr, TcpListener};
 
 use zenoh::Config;
 
-use super::set;
+use super::settings::{json, set};
 use crate::Error;
 
 /// Time between two attempts to connect to a port below, once it was found closed.
@@ -61,6 +61,19 @@ pub(super) fn choose(ports: Ports) -> Result<Place, Error> {
     })
 }
 
+fn endpoint(port: u16) -> String {
+    format!("tcp/127.0.0.1:{port}")
+}
+
+/// Whether nobody listens on an endpoint of loopback.
+pub(super) fn is_deserted(endpoint: &str) -> bool {
+    let port = endpoint
+        .rsplit(':')
+        .next()
+        .and_then(|port| port.parse().ok());
+    port.is_some_and(is_free)
+}
+
 fn is_free(port: u16) -> bool {
     TcpListener::bind((Ipv4Addr::LOCALHOST, port)).is_ok()
 }
@@ -70,19 +83,14 @@ impl Place {
         is_free(self.port)
     }
 
+    /// Endpoints of the ports below.
+    pub(super) fn below(&self) -> Vec<String> {
+        self.below.iter().copied().map(endpoint).collect()
+    }
+
     pub(super) fn apply(&self, config: &mut Config) -> Result<(), Error> {
-        let endpoint = |port: &u16| format!("\"tcp/127.0.0.1:{port}\"");
-        let below: Vec<String> = self.below.iter().map(endpoint).collect();
-        set(
-            config,
-            "listen/endpoints",
-            &format!("[{}]", endpoint(&self.port)),
-        )?;
-        set(
-            config,
-            "connect/endpoints",
-            &format!("[{}]", below.join(",")),
-        )?;
+        set(config, "listen/endpoints", &json(&[endpoint(self.port)]))?;
+        set(config, "connect/endpoints", &json(&self.below()))?;
         set(config, "connect/timeout_ms", "-1")?;
         set(config, "connect/exit_on_failure", "false")?;
         set(

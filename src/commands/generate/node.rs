@@ -1,6 +1,7 @@
 //! `swath generate` as a node.
 
 use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Instant;
 
 use anyhow::Context;
@@ -10,7 +11,7 @@ use swath_generator::node::{self, NodeConfig};
 use crate::cli::{GenerateOptions, NetworkOptions};
 use crate::human;
 use crate::output::{self, Failure};
-use crate::progress;
+use crate::reporter::{Pace, Reporter};
 use crate::runtime::{stop_signal, with_session};
 
 /// Publishes samples until stopped.
@@ -26,13 +27,12 @@ pub(super) fn run(
         count: options.count,
         workers: options.workers,
     };
-    let bar = progress::spinner("generator");
-    bar.set_message("waits for a trainer");
+    let published = Arc::new(AtomicU64::new(0));
+    let reporter = Reporter::start("generator", &options.id, standing(&published));
     let started = Instant::now();
     let summary = with_session(network, async |session| {
-        let observe = |sample: &swath_bridge::msg::swath::Sample| {
-            bar.inc(1);
-            bar.set_message(format!("{} published", sample.scene));
+        let observe = |_: &swath_bridge::msg::swath::Sample| {
+            published.fetch_add(1, Ordering::Relaxed);
         };
         node::run(
             &session,
@@ -44,11 +44,28 @@ pub(super) fn run(
         .await
         .context("generator node")
     })?;
-    bar.finish_and_clear();
-    output::line(format_args!(
+    drop(reporter);
+    output::note(format_args!(
         "published {} samples, {} a second",
         summary.published,
         human::rate_of(summary.published, started.elapsed())
-    ))?;
+    ));
     Ok(())
+}
+
+/// How the generator does, in a line.
+fn standing(published: &Arc<AtomicU64>) -> impl FnMut() -> String + Send + 'static {
+    let (published, mut pace) = (Arc::clone(published), Pace::new());
+    move || {
+        let count = published.load(Ordering::Relaxed);
+        let per_second = pace.per_second(count);
+        if count == 0 {
+            return "waits for a trainer or a recorder".to_owned();
+        }
+        format!(
+            "{} samples published, {} a second",
+            human::count(count),
+            human::rate(per_second)
+        )
+    }
 }

@@ -1,15 +1,19 @@
 //! `swath plan` as a node.
 
-use anyhow::Context;
-use swath_bridge::Outcome;
+use std::sync::{Arc, Mutex, PoisonError};
+
+use anyhow::{Context, anyhow};
 use swath_bridge::msg::swath::PlanReport;
+use swath_bridge::{Error as BridgeError, Outcome};
+use swath_planner::Error;
 use swath_planner::node::{self, NodeConfig, ServedNetwork};
 
 use super::network_of;
 use crate::cli::{NetworkOptions, PlanOptions};
 use crate::config::Config;
+use crate::human;
 use crate::output::Failure;
-use crate::progress;
+use crate::reporter::{Pace, Reporter};
 use crate::runtime::{stop_signal, with_session};
 
 /// Most time for a frame when nobody says: a live grid is soon out of date.
@@ -28,18 +32,20 @@ pub(super) fn run(
         stamp_nanos: 0,
     });
     let node_config = node_config(options, config);
-    let bar = progress::spinner("planner");
-    bar.set_message(format!("waits for grids of {}", options.vehicle));
+    let tally = Arc::new(Mutex::new(Tally::default()));
+    let reporter = Reporter::start("planner", &options.vehicle, standing(options, &tally));
     let summary = with_session(network, async |session| {
         let observe = |report: &PlanReport| {
-            bar.inc(1);
-            bar.set_message(describe(report));
+            tracing::debug!("{}", describe(report));
+            tally
+                .lock()
+                .unwrap_or_else(PoisonError::into_inner)
+                .add(report);
         };
-        node::run(&session, node_config, initial, stop_signal(), observe)
-            .await
-            .context("planner node")
+        let run = node::run(&session, node_config, initial, stop_signal(), observe);
+        run.await.map_err(advised).context("planner node")
     })?;
-    bar.finish_and_clear();
+    drop(reporter);
     tracing::info!(
         "planned {} frames, used {} versions of weights, rejected {} messages",
         summary.frames,
@@ -64,11 +70,62 @@ fn node_config(options: &PlanOptions, config: &Config) -> NodeConfig {
         follow: config.follow,
         run: "*".to_owned(),
         trusted: Vec::new(),
+        shares_vehicle: options.share_vehicle,
     }
 }
 
+/// What became of the frames so far.
+#[derive(Debug, Default)]
+struct Tally {
+    planned: u64,
+    stopped: u64,
+}
+
+impl Tally {
+    fn add(&mut self, report: &PlanReport) {
+        // A report without a frame says why there is none.
+        if report.frame > 0 {
+            self.planned += 1;
+            self.stopped += u64::from(report.chosen < 0);
+        }
+    }
+}
+
+/// How the planner does, in a line.
+fn standing(
+    options: &PlanOptions,
+    tally: &Arc<Mutex<Tally>>,
+) -> impl FnMut() -> String + Send + 'static {
+    let (tally, mut pace) = (Arc::clone(tally), Pace::new());
+    let waits = format!("waits for grids of {}", options.vehicle);
+    move || {
+        let tally = tally.lock().unwrap_or_else(PoisonError::into_inner);
+        let per_second = pace.per_second(tally.planned);
+        if tally.planned == 0 {
+            return waits.clone();
+        }
+        format!(
+            "{} frames planned, {} a second, {} solved, {} stopped",
+            human::count(tally.planned),
+            human::rate(per_second),
+            human::count(tally.planned - tally.stopped),
+            human::count(tally.stopped)
+        )
+    }
+}
+
+/// What to do about an error, where it can be said.
+fn advised(error: Error) -> anyhow::Error {
+    if let Error::Bridge(BridgeError::NodeTaken { .. }) = &error {
+        return anyhow!(
+            "{error}: stop it, plan for another --vehicle, or give --share-vehicle to let both plan"
+        );
+    }
+    error.into()
+}
+
 /// One line about a planned frame.
-pub(crate) fn describe(report: &PlanReport) -> String {
+fn describe(report: &PlanReport) -> String {
     let solved = report
         .targets
         .iter()

@@ -1,5 +1,7 @@
 //! `swath train` as a node.
 
+use std::sync::{Arc, Mutex, PoisonError};
+
 use anyhow::Context;
 use swath_bridge::msg::swath::TrainStatus;
 use swath_bridge::signature::load_or_create_key;
@@ -12,7 +14,7 @@ use crate::cli::{NetworkOptions, TrainOptions};
 use crate::config::Config;
 use crate::human;
 use crate::output::{self, Failure};
-use crate::progress;
+use crate::reporter::Reporter;
 use crate::runtime::{stop_signal, with_session};
 
 /// File of the key that signs a run's weights.
@@ -44,33 +46,49 @@ pub(super) fn run(
         first_samples: node_config.first_samples.min(options.keep),
         ..node_config
     };
-    let bar = progress::spinner("trainer");
-    bar.set_message("waits for samples");
+    let newest = Arc::new(Mutex::new(None));
+    let reporter = Reporter::start("trainer", &options.run, standing(&newest));
     let summary = with_session(network, async |session| {
         let observe = |status: &TrainStatus| {
-            bar.set_position(status.step);
-            bar.set_message(format!(
-                "steps, {} samples, loss {}, mIoU {}, weights v{}",
-                human::count(status.received),
-                human::decimal(status.loss.into(), 3),
-                human::decimal(status.miou.into(), 3),
-                status.weights_version
-            ));
+            *newest.lock().unwrap_or_else(PoisonError::into_inner) = Some(status.clone());
         };
         node::run(&session, node_config, stop_signal(), observe)
             .await
             .context("trainer node")
     })?;
-    bar.finish_and_clear();
+    drop(reporter);
     let miou = summary
         .miou
         .filter(|miou| miou.is_finite())
         .map_or_else(|| "not scored".to_owned(), |miou| format!("{miou:.4}"));
-    output::line(format_args!(
+    output::note(format_args!(
         "{} steps, weights v{} (mIoU {miou}) in {}",
         summary.steps,
         summary.version,
         options.out.display()
-    ))?;
+    ));
     Ok(())
+}
+
+/// How the trainer does, in a line.
+fn standing(newest: &Arc<Mutex<Option<TrainStatus>>>) -> impl FnMut() -> String + Send + 'static {
+    let newest = Arc::clone(newest);
+    move || {
+        let newest = newest.lock().unwrap_or_else(PoisonError::into_inner);
+        let Some(status) = newest.as_ref() else {
+            return "waits for samples".to_owned();
+        };
+        let miou = if status.miou.is_finite() {
+            format!(", mIoU {:.3}", status.miou)
+        } else {
+            String::new()
+        };
+        format!(
+            "step {}, loss {}{miou}, {} samples received, weights v{}",
+            status.step,
+            human::decimal(status.loss.into(), 3),
+            human::count(status.received),
+            status.weights_version
+        )
+    }
 }
