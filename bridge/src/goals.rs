@@ -4,7 +4,7 @@ use std::path::Path;
 
 use crate::Error;
 use crate::geometry::Pose2;
-use crate::pgm::read_limited;
+use crate::map::read_limited;
 
 /// Most poses that a file may hold.
 pub const MAX_POSES: usize = 100_000;

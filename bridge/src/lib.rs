@@ -16,7 +16,7 @@ mod liveliness;
 pub mod msg;
 mod occupancy;
 mod outcome;
-pub mod pgm;
+pub mod map;
 pub mod picture;
 pub mod poses;
 mod publisher;

@@ -4,7 +4,7 @@ use std::path::Path;
 use std::sync::Arc;
 
 use serde::Serialize;
-use swath_bridge::{Outcome, Pose2, goals, pgm};
+use swath_bridge::{Outcome, Pose2, goals, map as maps};
 use swath_planner::network::Network;
 use swath_planner::smooth::Drivability;
 use swath_planner::{FrameInput, FramePlan, FramePlanner, Method, MotionModel, Start, millis};
@@ -51,7 +51,7 @@ fn plan_once(
     goal_file: &Path,
     config: &Config,
 ) -> Result<(), Failure> {
-    let occupancy = pgm::read_map(map, &config.grid)?;
+    let occupancy = maps::read_map(map, &config.grid)?;
     let goals = goals::read_poses(goal_file)?;
     let reference = match &options.reference {
         Some(path) => goals::read_poses(path)?,
