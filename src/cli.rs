@@ -6,13 +6,16 @@ mod demo;
 mod generate;
 mod plan;
 mod train;
+mod values;
 
 use std::path::PathBuf;
 
 use clap::{Args, Parser, Subcommand};
 
 pub(crate) use bench::{BenchOptions, ReportOptions};
-pub(crate) use bridge::{BridgeCommand, BridgeOptions, GridsOptions, ReplayOptions};
+pub(crate) use bridge::{
+    BridgeCommand, BridgeOptions, GridsOptions, PicturesOptions, ReplayOptions,
+};
 pub(crate) use demo::DemoOptions;
 pub(crate) use generate::GenerateOptions;
 pub(crate) use plan::PlanOptions;
@@ -41,7 +44,7 @@ A network is opened explicitly:
   swath --listen tcp/0.0.0.0:7447 train --out runs/fleet
   swath --connect tcp/trainer.local:7447 generate
 
-Exit codes: 0 success, 1 failure, 2 wrong usage, 3 data were lost."
+Exit codes: 0 success, 1 failure, 2 wrong usage, 3 data were lost, 4 nothing was solved."
 )]
 pub(crate) struct Cli {
     /// TOML file of vehicle, grid and settings that nodes share

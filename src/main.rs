@@ -5,6 +5,7 @@ mod commands;
 mod config;
 mod network;
 mod output;
+mod outputs;
 mod progress;
 mod runtime;
 

@@ -12,6 +12,8 @@ use tracing_subscriber::EnvFilter;
 const FAILURE: u8 = 1;
 /// Exit code when data were lost.
 const DATA_LOST: u8 = 3;
+/// Exit code when no target was solved.
+const UNSOLVED: u8 = 4;
 
 /// Why a command did not succeed.
 #[derive(Debug)]
@@ -20,6 +22,8 @@ pub(crate) enum Failure {
     Error(anyhow::Error),
     /// It went through, but not all data did.
     DataLost(String),
+    /// It went through, but nothing was solved.
+    Unsolved(String),
 }
 
 impl<E: Into<anyhow::Error>> From<E> for Failure {
@@ -41,6 +45,10 @@ pub(crate) fn report_failure(failure: &Failure) -> ExitCode {
         Failure::DataLost(what) => {
             let _ = writeln!(stderr, "swath: data lost: {what}");
             ExitCode::from(DATA_LOST)
+        }
+        Failure::Unsolved(what) => {
+            let _ = writeln!(stderr, "swath: nothing was solved: {what}");
+            ExitCode::from(UNSOLVED)
         }
     }
 }

@@ -98,7 +98,10 @@ impl Map {
         };
         let text = text_of(&read_limited(&yaml_path, MAX_YAML_BYTES)?, &yaml_path)?;
         let yaml = MapYaml::parse(&text, &yaml_path)?;
-        let named = yaml_path.parent().unwrap_or_else(|| Path::new("")).join(&yaml.image);
+        let named = yaml_path
+            .parent()
+            .unwrap_or_else(|| Path::new(""))
+            .join(&yaml.image);
         let image_path = if is_yaml { &named } else { path };
         if named.file_name() != image_path.file_name() {
             tracing::warn!(
@@ -152,7 +155,9 @@ impl Map {
             } => (cells, *width, *height, *resolution_m, map_from_corner),
         };
         if !self.is_unturned() {
-            return Err(self.bad("the map is turned, expected an origin with a yaw of 0".to_owned()));
+            return Err(
+                self.bad("the map is turned, expected an origin with a yaw of 0".to_owned())
+            );
         }
         let source = Source {
             cells,
@@ -526,8 +531,17 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let map = small(folder.path(), "m.pgm", "[-1, 3, 0]");
         assert!(map.around(&Pose2::new(0.99, 4.49, 0.0)).is_ok());
-        for (x_m, y_m) in [(1.01, 4.0), (-1.01, 4.0), (0.0, 2.99), (0.0, 4.51), (1e300, 0.0)] {
-            let error = map.around(&Pose2::new(x_m, y_m, 0.0)).unwrap_err().to_string();
+        for (x_m, y_m) in [
+            (1.01, 4.0),
+            (-1.01, 4.0),
+            (0.0, 2.99),
+            (0.0, 4.51),
+            (1e300, 0.0),
+        ] {
+            let error = map
+                .around(&Pose2::new(x_m, y_m, 0.0))
+                .unwrap_err()
+                .to_string();
             let said = "off the map, expected x from -1.00 to 1.00 m and y from 3.00 to 4.50 m";
             assert!(error.contains("map.yml") && error.contains(said), "{error}");
         }
@@ -556,8 +570,14 @@ mod tests {
             ego_col: 1,
         };
         std::fs::write(&path, b"P5 3 2 255\n\x00\xfe\xff\xfe\xfe\xcd").unwrap();
-        let around = Map::read(&path, &spec).unwrap().around(&Pose2::new(0.2, -0.2, 0.1)).unwrap();
-        assert_eq!((around.occupancy.spec.ego_row, around.occupancy.spec.ego_col), (0, 2));
+        let around = Map::read(&path, &spec)
+            .unwrap()
+            .around(&Pose2::new(0.2, -0.2, 0.1))
+            .unwrap();
+        assert_eq!(
+            (around.occupancy.spec.ego_row, around.occupancy.spec.ego_col),
+            (0, 2)
+        );
         assert_eq!(around.top, Top::X);
         let occupied = occupied_in_map(&around);
         assert!(occupied[0].distance_m(&Pose2::new(0.2, 0.2, 0.0)) < 1e-9);
@@ -567,7 +587,13 @@ mod tests {
     fn a_picture_is_found_by_relative_absolute_and_quoted_paths() {
         let folder = tempfile::tempdir().unwrap();
         let absolute = folder.path().join("m.pgm").display().to_string();
-        for image in ["m.pgm", "./m.pgm", "'m.pgm'", &absolute, &format!("\"{absolute}\"")] {
+        for image in [
+            "m.pgm",
+            "./m.pgm",
+            "'m.pgm'",
+            &absolute,
+            &format!("\"{absolute}\""),
+        ] {
             small(folder.path(), image, "[0, 0, 0]");
         }
         let text = "\u{feff}image: m.pgm\nresolution: 0.5\norigin: [0, 0, 0]\n";
@@ -576,7 +602,9 @@ mod tests {
         std::fs::write(&path, units).unwrap();
         Map::read(&path, &GridSpec::default()).unwrap();
         std::fs::write(&path, b"image: \xff\xff\n").unwrap();
-        let error = Map::read(&path, &GridSpec::default()).unwrap_err().to_string();
+        let error = Map::read(&path, &GridSpec::default())
+            .unwrap_err()
+            .to_string();
         assert!(error.contains("byte 7: not UTF-8"), "{error}");
     }
 

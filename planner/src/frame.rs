@@ -186,7 +186,7 @@ impl FramePlanner {
         network: Option<&Network>,
         config: &PlanConfig,
     ) -> Result<FramePlan, Error> {
-        self.plan_view(input, View::new, network, config)
+        self.plan_view(input, || Ok(View::new(input)), network, config)
     }
 
     /// [`Self::plan`], searched on a grid around the start (see [`grid_around`]) rather than on one of the
@@ -201,20 +201,21 @@ impl FramePlanner {
         network: Option<&Network>,
         config: &PlanConfig,
     ) -> Result<FramePlan, Error> {
-        self.plan_view(input, |input| View::on(input, around_start), network, config)
+        let view = || View::on(input, around_start, &self.model);
+        self.plan_view(input, view, network, config)
     }
 
     fn plan_view<'a>(
         &self,
         input: &FrameInput<'a>,
-        view: impl FnOnce(&FrameInput<'a>) -> View<'a>,
+        view: impl FnOnce() -> Result<View<'a>, Error>,
         network: Option<&Network>,
         config: &PlanConfig,
     ) -> Result<FramePlan, Error> {
         let cpu = CpuTimer::of_process();
         let started = Instant::now();
         let deadline = deadline_in(config.frame_deadline_ms);
-        let view = view(input);
+        let view = view()?;
         let map = CollisionMap::new(Arc::clone(&self.model), view.spec, &view.obstacles)?;
         let seen = Seen {
             map: &map,

@@ -15,6 +15,8 @@ use crate::output::{self, Failure};
 use crate::progress;
 use crate::runtime::{stop_signal, with_session};
 
+mod pictures;
+
 /// Time between two looks at a recorder.
 const LOOK_EVERY: Duration = Duration::from_millis(250);
 
@@ -28,6 +30,7 @@ pub(crate) fn run(
         BridgeCommand::Record { out, seconds } => record(out, *seconds, network),
         BridgeCommand::Replay(options) => replay(options, network),
         BridgeCommand::Grids(options) => grids(options, config),
+        BridgeCommand::Pictures(options) => pictures::run(options, config),
         BridgeCommand::Info { file, json } => info(file, *json),
         BridgeCommand::Recover { file, out } => recover(file, out),
     }

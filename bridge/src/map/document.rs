@@ -196,11 +196,18 @@ mod tests {
 
     #[test]
     fn directives_anchors_and_both_forms_of_lists_are_read() {
-        let text = "%YAML 1.2\n---\na: &x 'one'\nb: *x\nc: [1,\n  2]\nd:\n- 1\n- 2\n...\ne: not read\n";
+        let text =
+            "%YAML 1.2\n---\na: &x 'one'\nb: *x\nc: [1,\n  2]\nd:\n- 1\n- 2\n...\ne: not read\n";
         let read = entries(text).unwrap();
-        assert_eq!((scalar(&read, "a"), scalar(&read, "b")), ("one".into(), "one".into()));
+        assert_eq!(
+            (scalar(&read, "a"), scalar(&read, "b")),
+            ("one".into(), "one".into())
+        );
         let items = |index: usize| match &read[index].1.value {
-            Value::List(items) => items.iter().map(|item| item.text().unwrap().to_owned()).collect(),
+            Value::List(items) => items
+                .iter()
+                .map(|item| item.text().unwrap().to_owned())
+                .collect(),
             _ => Vec::new(),
         };
         assert_eq!(items(2), ["1", "2"]);

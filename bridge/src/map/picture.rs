@@ -111,7 +111,10 @@ impl MapPicture {
                         opacity: None,
                     })
                 });
-                pixels.iter().map(|&level| known[usize::from(level)]).collect()
+                pixels
+                    .iter()
+                    .map(|&level| known[usize::from(level)])
+                    .collect()
             }
             Samples::Png {
                 bytes,
@@ -182,16 +185,28 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let of = |colour, depth, data: &[u8]| trinary(&png_of(folder.path(), colour, depth, data));
         assert_eq!(of(Grayscale, Eight, &[0, 205, 254]), [100, -1, 0]);
-        assert_eq!(of(Grayscale, One, &[0b1010_0000]), [0, 100, 0, 100, 100, 100, 100, 100]);
-        assert_eq!(of(Grayscale, Sixteen, &[0, 0, 205, 205, 255, 0]), [100, -1, 0]);
+        assert_eq!(
+            of(Grayscale, One, &[0b1010_0000]),
+            [0, 100, 0, 100, 100, 100, 100, 100]
+        );
+        assert_eq!(
+            of(Grayscale, Sixteen, &[0, 0, 205, 205, 255, 0]),
+            [100, -1, 0]
+        );
         // A mean of 205 and 85.
         assert_eq!(of(Rgb, Eight, &[255, 255, 105, 0, 255, 0]), [-1, 100]);
         assert_eq!(of(Rgb, Sixteen, &[255, 255, 255, 255, 105, 105]), [-1]);
         // Black, white, white that is transparent, grey; a palette with opacities has four channels,
         // so that the last, with a mean of 217.5, is free.
         assert_eq!(of(Indexed, Two, &[0b0001_1011]), [100, 0, -1, 0]);
-        assert_eq!(of(GrayscaleAlpha, Eight, &[255, 255, 255, 0, 0, 255]), [0, -1, 100]);
-        assert_eq!(of(Rgba, Eight, &[0, 0, 0, 255, 255, 255, 255, 0]), [100, -1]);
+        assert_eq!(
+            of(GrayscaleAlpha, Eight, &[255, 255, 255, 0, 0, 255]),
+            [0, -1, 100]
+        );
+        assert_eq!(
+            of(Rgba, Eight, &[0, 0, 0, 255, 255, 255, 255, 0]),
+            [100, -1]
+        );
     }
 
     #[test]
@@ -207,7 +222,10 @@ mod tests {
         for cut in [8, 20, 40, good.len() - 20] {
             std::fs::write(&path, &good[..cut]).unwrap();
             let error = MapPicture::read(&path).unwrap_err().to_string();
-            assert!(error.contains("map.png: not a readable PNG"), "{cut}: {error}");
+            assert!(
+                error.contains("map.png: not a readable PNG"),
+                "{cut}: {error}"
+            );
         }
         let file = File::create(&path).unwrap();
         let encoder = png::Encoder::new(file, 5000, 1);
@@ -215,6 +233,9 @@ mod tests {
         writer.write_image_data(&[0; 5000]).unwrap();
         drop(writer);
         let error = MapPicture::read(&path).unwrap_err().to_string();
-        assert!(error.contains("5000 x 1 pixels, expected 1 to 4096"), "{error}");
+        assert!(
+            error.contains("5000 x 1 pixels, expected 1 to 4096"),
+            "{error}"
+        );
     }
 }

@@ -270,11 +270,26 @@ mod tests {
             ("\"a map.pgm\"", "a map.pgm"),
             ("\"a map.pgm\"", "'a map.pgm'  # quoted"),
             ("\"a map.pgm\"", ">-\n  a\n  map.pgm"),
-            ("origin:\n- -10.0\n- 2\n- 0", "origin: [-10,\n  2.0,\n  0.0]"),
-            ("origin:\n- -10.0\n- 2\n- 0", "origin: [\"-10.0\", '2', 0, ]"),
-            ("origin:\n- -10.0\n- 2\n- 0", "origin:\n    -  -10.0\n    -  2\n    -  0"),
-            ("origin:\n- -10.0\n- 2\n- 0", "x: &o [-10, 2, 0]\norigin: *o"),
-            ("mode: scale\n", "mode: scale\nmap_id: {a: [1, 2], b: c}\n...\nanother: document\n"),
+            (
+                "origin:\n- -10.0\n- 2\n- 0",
+                "origin: [-10,\n  2.0,\n  0.0]",
+            ),
+            (
+                "origin:\n- -10.0\n- 2\n- 0",
+                "origin: [\"-10.0\", '2', 0, ]",
+            ),
+            (
+                "origin:\n- -10.0\n- 2\n- 0",
+                "origin:\n    -  -10.0\n    -  2\n    -  0",
+            ),
+            (
+                "origin:\n- -10.0\n- 2\n- 0",
+                "x: &o [-10, 2, 0]\norigin: *o",
+            ),
+            (
+                "mode: scale\n",
+                "mode: scale\nmap_id: {a: [1, 2], b: c}\n...\nanother: document\n",
+            ),
             ("\n", "\r\n"),
         ] {
             let text = if from == "\n" {
@@ -298,23 +313,47 @@ mod tests {
     #[test]
     fn errors_name_key_line_what_was_found_and_what_was_expected() {
         for (from, to, what) in [
-            ("0.05", "zero", "line 3: resolution is \"zero\", expected 0.01"),
+            (
+                "0.05",
+                "zero",
+                "line 3: resolution is \"zero\", expected 0.01",
+            ),
             ("0.05", ".inf", "line 3: resolution is \".inf\""),
             ("0.05", "-0.05", "line 3: resolution"),
             ("0.05", "", "line 3: resolution is empty"),
             ("0.05", "[0.05]", "line 3: resolution is a list"),
-            ("- 2\n", "- 2, 7\n", "line 5: origin is a list, [\"-10.0\", \"2, 7\""),
+            (
+                "- 2\n",
+                "- 2, 7\n",
+                "line 5: origin is a list, [\"-10.0\", \"2, 7\"",
+            ),
             ("- 2\n", "", "expected [x, y, yaw]"),
             ("- -10.0", "- .nan", "expected [x, y, yaw]"),
             ("- -10.0", "- 1e300", "at most 1e7"),
-            ("scale", "grey", "line 11: mode is \"grey\", expected trinary, scale or raw"),
-            ("negate: 0", "negate: maybe", "line 8: negate is \"maybe\", expected true, false"),
+            (
+                "scale",
+                "grey",
+                "line 11: mode is \"grey\", expected trinary, scale or raw",
+            ),
+            (
+                "negate: 0",
+                "negate: maybe",
+                "line 8: negate is \"maybe\", expected true, false",
+            ),
             ("negate: 0", "negate", "line 8"),
             ("resolution:", "resolutoin:", "there is no \"resolution\""),
             ("image:", "picture:", "there is no \"image\""),
             ("\"a map.pgm\"", "", "line 2: image is empty"),
-            ("0.25", "25", "line 10: free_thresh is \"25\", expected a number from 0 to 1"),
-            ("negate: 0", "mode: raw", "line 11: mode stands on line 8 already"),
+            (
+                "0.25",
+                "25",
+                "line 10: free_thresh is \"25\", expected a number from 0 to 1",
+            ),
+            (
+                "negate: 0",
+                "mode: raw",
+                "line 11: mode stands on line 8 already",
+            ),
         ] {
             assert!(GOOD.contains(from));
             let error = parse(&GOOD.replacen(from, to, 1)).unwrap_err().to_string();
@@ -335,9 +374,8 @@ mod tests {
     #[test]
     fn brightness_becomes_what_map_server_makes_of_it() {
         let mut yaml = MapYaml::default();
-        let of = |yaml: &MapYaml| {
-            [0, 89, 90, 205, 206, 255].map(|value| yaml.occupancy_of(grey(value)))
-        };
+        let of =
+            |yaml: &MapYaml| [0, 89, 90, 205, 206, 255].map(|value| yaml.occupancy_of(grey(value)));
         assert_eq!(of(&yaml), [100, 100, -1, -1, 0, 0]);
         yaml.negate = true;
         assert_eq!(of(&yaml), [0, -1, -1, 100, 100, 100]);

@@ -1,12 +1,15 @@
 //! A frame as seen from where its paths begin, on its own grid or on another.
 
 use std::borrow::Cow;
+use std::sync::Arc;
 
 use swath_bridge::geometry::MAX_GRID_SIDE_CELLS;
 use swath_bridge::{Cell, GridSpec, Pose2};
 
 use super::{FrameInput, Start};
-use crate::Plane;
+use crate::collision::CollisionMap;
+use crate::kernel::Kernel;
+use crate::{Error, MotionModel, Plane};
 
 /// Distance from an occupied cell's centre to the points that stand for it, in cells, along both axes.
 const QUARTER: f64 = 0.25;
@@ -38,12 +41,28 @@ impl<'a> View<'a> {
     }
 
     /// On a grid around the start, of the same resolution, whose cells beyond the frame's own grid
-    /// are occupied. No cell is free that overlaps an occupied one.
-    pub(super) fn on(input: &FrameInput<'a>, spec: &GridSpec) -> Self {
+    /// are occupied. No cell is free that overlaps an occupied one, but for those under the vehicle at
+    /// the start and at a goal, if it touches no occupied cell of the frame there.
+    ///
+    /// # Errors
+    /// As [`CollisionMap::new`].
+    pub(super) fn on(
+        input: &FrameInput<'a>,
+        spec: &GridSpec,
+        model: &Arc<MotionModel>,
+    ) -> Result<Self, Error> {
         if input.start.is_vehicle() && input.spec == *spec {
-            return Self::new(input);
+            return Ok(Self::new(input));
         }
-        Self::of(input, *spec, covered(input, spec))
+        let mut obstacles = covered(input, spec);
+        let map = CollisionMap::new(Arc::clone(model), input.spec, input.obstacles)?;
+        let start_from_frame = input.start.pose.inverse();
+        let poses = input.goals.iter().chain([&input.start.pose]);
+        for pose in poses.filter(|pose| map.pose_is_free(pose)) {
+            let seen = start_from_frame.then(pose);
+            clear_under(&mut obstacles, spec, (model, &seen));
+        }
+        Ok(Self::of(input, *spec, obstacles))
     }
 
     fn of(input: &FrameInput<'a>, spec: GridSpec, obstacles: Plane) -> Self {
@@ -57,6 +76,21 @@ impl<'a> View<'a> {
             obstacles: Cow::Owned(obstacles),
             reference: Cow::Owned(seen(input.reference)),
             goals: Cow::Owned(seen(input.goals)),
+        }
+    }
+}
+
+/// Clears the cells that the vehicle touches at a pose.
+fn clear_under(plane: &mut Plane, spec: &GridSpec, (model, pose): (&MotionModel, &Pose2)) {
+    let cell = spec.cell_at(pose.x_m, pose.y_m);
+    let (x_m, y_m) = spec.centre_of(cell);
+    let offset = Pose2::new(pose.x_m - x_m, pose.y_m - y_m, pose.yaw_rad);
+    for span in Kernel::of_pose(model.vehicle(), spec.resolution_m, &offset).spans {
+        for d_col in span.first_col..=span.last_col {
+            plane.clear(Cell::new(
+                cell.row.saturating_add(span.d_row),
+                cell.col.saturating_add(d_col),
+            ));
         }
     }
 }
@@ -78,18 +112,22 @@ pub fn grid_around(spec: &GridSpec, start: &Pose2, goals: &[Pose2]) -> Option<Gr
         seen(rear_m - half_m, right_m - half_m),
     ];
     let is_on = |goal: &&Pose2| spec.index_of(spec.cell_at(goal.x_m, goal.y_m)).is_some();
-    let goals: Vec<Pose2> = goals.iter().filter(is_on).map(|goal| seen(goal.x_m, goal.y_m)).collect();
+    let goals: Vec<Pose2> = goals
+        .iter()
+        .filter(is_on)
+        .map(|goal| seen(goal.x_m, goal.y_m))
+        .collect();
     let side = |of: fn(&Pose2) -> f64| {
         let bounds = |poses: &[Pose2]| {
             let along = || poses.iter().map(|pose| of(pose) / spec.resolution_m);
-            (along().fold(f64::INFINITY, f64::min), along().fold(f64::NEG_INFINITY, f64::max))
+            (
+                along().fold(f64::INFINITY, f64::min),
+                along().fold(f64::NEG_INFINITY, f64::max),
+            )
         };
         let (least, most) = bounds(&corners);
         let (nearest, farthest) = bounds(&goals);
-        cells_along(
-            (least, most),
-            (nearest.min(0.0), farthest.max(0.0)),
-        )
+        cells_along((least, most), (nearest.min(0.0), farthest.max(0.0)))
     };
     let (ahead, behind) = side(|pose| pose.x_m)?;
     let (left, right) = side(|pose| pose.y_m)?;
@@ -123,7 +161,9 @@ fn cells_along((least, most): (f64, f64), (first, last): (f64, f64)) -> Option<(
     }
     // What is left goes to both ends alike, and to one of them what the other cannot use.
     let wanted_behind = (behind - needed_behind).max(0.0);
-    let more_before = (before - needed_before).max(0.0).min((spare / 2.0).max(spare - wanted_behind));
+    let more_before = (before - needed_before)
+        .max(0.0)
+        .min((spare / 2.0).max(spare - wanted_behind));
     let kept_before = needed_before + libm::floor(more_before);
     let kept_behind = behind.min(room - kept_before);
     Some((kept_before as u32, kept_behind as u32))
@@ -292,7 +332,11 @@ mod tests {
             let step = f64::from(step);
             let pose = Pose2::new(0.02 * step - 0.5, 0.3 - 0.013 * step, 0.13 * step - 3.1);
             let seen = grid_around(&spec, &pose, &[]).unwrap();
-            let view = View::on(&input_on(spec, &obstacles, pose), &seen);
+            let view = View::of(
+                &input_on(spec, &obstacles, pose),
+                seen,
+                covered(&input_on(spec, &obstacles, pose), &seen),
+            );
             for &cell in &cells {
                 for there in met(&spec, &pose, cell, &seen) {
                     assert!(seen.index_of(there).is_some(), "{pose:?} {cell:?}");
@@ -326,7 +370,11 @@ mod tests {
             let pose = Pose2::new(0.5, -0.25, yaw_rad);
             let seen = grid_around(&spec, &pose, &[]).unwrap();
             assert_eq!(seen.len(), spec.len(), "{seen:?}");
-            let view = View::on(&input_on(spec, &obstacles, pose), &seen);
+            let view = View::of(
+                &input_on(spec, &obstacles, pose),
+                seen,
+                covered(&input_on(spec, &obstacles, pose), &seen),
+            );
             assert_eq!(view.obstacles.count(), 2);
             let ahead = pose.inverse().then(&Pose2::new(0.25, 0.0, 0.0));
             assert!(view.obstacles.get(seen.cell_at(ahead.x_m, ahead.y_m)));
@@ -351,8 +399,48 @@ mod tests {
         assert!(seen.index_of(seen.cell_at(goal.x_m, goal.y_m)).is_some());
         let corner = Pose2::new(-9.0, 199.0, diagonal);
         let opposite = Pose2::new(399.0, -208.0, 0.0);
-        assert_eq!(grid_around(&spec, &corner, &[opposite]).map(|seen| seen.cols), None);
+        assert_eq!(
+            grid_around(&spec, &corner, &[opposite]).map(|seen| seen.cols),
+            None
+        );
         let along = Pose2::new(-9.0, 199.0, 0.0);
-        assert_eq!(grid_around(&spec, &along, &[opposite]).unwrap().len(), spec.len());
+        assert_eq!(
+            grid_around(&spec, &along, &[opposite]).unwrap().len(),
+            spec.len()
+        );
+    }
+
+    #[test]
+    fn a_vehicle_that_fits_is_not_hemmed_in_by_turned_cells() {
+        let vehicle = swath_bridge::Vehicle {
+            wheelbase_m: 0.4,
+            front_m: 0.6,
+            rear_m: 0.2,
+            half_width_m: 0.3,
+            min_turning_radius_m: 0.9,
+        };
+        let model = Arc::new(MotionModel::new(&vehicle, 0.1).unwrap());
+        let spec = GridSpec {
+            rows: 40,
+            cols: 40,
+            resolution_m: 0.1,
+            ego_row: 20,
+            ego_col: 20,
+        };
+        let pose = Pose2::new(0.02, -0.03, 0.7);
+        let mut obstacles = Plane::empty(spec.rows, spec.cols);
+        let corners = [(0.6, 0.3), (0.6, -0.3), (-0.2, 0.3), (-0.2, -0.3)];
+        let outside = |x_m: f64, y_m: f64| Pose2::new(x_m * 1.4, y_m * 1.4, 0.0);
+        for (x_m, y_m) in corners {
+            let at = pose.then(&outside(x_m, y_m));
+            obstacles.set(spec.cell_at(at.x_m, at.y_m));
+        }
+        let input = input_on(spec, &obstacles, pose);
+        let exact = CollisionMap::new(Arc::clone(&model), spec, &obstacles).unwrap();
+        assert!(exact.pose_is_free(&pose));
+        let seen = grid_around(&spec, &pose, &[]).unwrap();
+        let view = View::on(&input, &seen, &model).unwrap();
+        let map = CollisionMap::new(Arc::clone(&model), seen, &view.obstacles).unwrap();
+        assert!(map.pose_is_free(&Pose2::default()));
     }
 }

@@ -152,10 +152,7 @@ impl Parameters {
             )));
         }
         let unreadable = |error: safetensors::SafeTensorError| {
-            wrong(format!(
-                "expected a safetensors file: {}",
-                evidence(&error)
-            ))
+            wrong(format!("expected a safetensors file: {}", evidence(&error)))
         };
         let (_, header) = SafeTensors::read_metadata(bytes).map_err(unreadable)?;
         let file = SafeTensors::deserialize(bytes).map_err(unreadable)?;
@@ -217,13 +214,14 @@ fn layout(architecture: Architecture) -> Graph {
 }
 
 /// The tensors of a file by the names that swath has for them.
-fn views_by_name<'a>(
-    file: &'a SafeTensors<'a>,
-) -> Result<BTreeMap<String, TensorView<'a>>, Error> {
+fn views_by_name<'a>(file: &'a SafeTensors<'a>) -> Result<BTreeMap<String, TensorView<'a>>, Error> {
     let mut views = BTreeMap::new();
     for (name, view) in file.iter() {
         let mut short = name;
-        while let Some(rest) = PREFIXES.iter().find_map(|prefix| short.strip_prefix(prefix)) {
+        while let Some(rest) = PREFIXES
+            .iter()
+            .find_map(|prefix| short.strip_prefix(prefix))
+        {
             short = rest;
         }
         if short.rsplit('.').next() == Some(COUNTER) {
@@ -249,7 +247,9 @@ fn check_tensors(graph: &Graph, views: &BTreeMap<String, TensorView<'_>>) -> Res
         .collect();
     let missing = graph.tensors.iter().map(|tensor| tensor.name.clone());
     let missing: Vec<String> = missing.filter(|name| !views.contains_key(name)).collect();
-    let extra = views.keys().filter(|name| !expected.contains_key(name.as_str()));
+    let extra = views
+        .keys()
+        .filter(|name| !expected.contains_key(name.as_str()));
     let extra: Vec<String> = extra.map(|name| evidence(name)).collect();
     let differing = graph.tensors.iter().filter_map(|tensor| {
         let view = views.get(&tensor.name)?;
@@ -257,7 +257,10 @@ fn check_tensors(graph: &Graph, views: &BTreeMap<String, TensorView<'_>>) -> Res
         (!is_right).then(|| {
             let (dtype, shape) = (view.dtype(), view.shape());
             let wanted = &tensor.shape;
-            evidence(&format!("{} is {dtype:?} {shape:?}, expected F32, F16 or BF16 {wanted:?}", tensor.name))
+            evidence(&format!(
+                "{} is {dtype:?} {shape:?}, expected F32, F16 or BF16 {wanted:?}",
+                tensor.name
+            ))
         })
     });
     let differing: Vec<String> = differing.collect();
@@ -298,8 +301,12 @@ fn floats_of(view: &TensorView<'_>) -> Vec<f32> {
     let data = view.data();
     let halves = || data.chunks_exact(2).map(|raw| [raw[0], raw[1]]);
     match view.dtype() {
-        Dtype::F16 => halves().map(|raw| half::f16::from_le_bytes(raw).to_f32()).collect(),
-        Dtype::BF16 => halves().map(|raw| half::bf16::from_le_bytes(raw).to_f32()).collect(),
+        Dtype::F16 => halves()
+            .map(|raw| half::f16::from_le_bytes(raw).to_f32())
+            .collect(),
+        Dtype::BF16 => halves()
+            .map(|raw| half::bf16::from_le_bytes(raw).to_f32())
+            .collect(),
         _ => data
             .chunks_exact(4)
             .map(|raw| f32::from_le_bytes([raw[0], raw[1], raw[2], raw[3]]))

@@ -98,9 +98,7 @@ impl NetworkInfo {
     /// # Errors
     /// [`Error::Weights`] names the entry that is missing or out of range.
     pub fn from_metadata(metadata: &BTreeMap<String, String>) -> Result<Self, Error> {
-        let text = |key: &str| {
-            metadata.get(key).ok_or_else(|| missing_entries(metadata))
-        };
+        let text = |key: &str| metadata.get(key).ok_or_else(|| missing_entries(metadata));
         let wrong = |key: &str, found: &str, expected: &str| Error::Weights {
             what: format!("{key} is {:?}, expected {expected}", clip(found)),
         };

@@ -40,7 +40,12 @@ fn file(entries: &[Entry], metadata: Option<&BTreeMap<String, String>>) -> Vec<u
         );
     }
     let header = serde_json::Value::Object(header).to_string();
-    [&(header.len() as u64).to_le_bytes(), header.as_bytes(), &data].concat()
+    [
+        &(header.len() as u64).to_le_bytes(),
+        header.as_bytes(),
+        &data,
+    ]
+    .concat()
 }
 
 fn error_of(entries: &[Entry]) -> String {
@@ -50,10 +55,18 @@ fn error_of(entries: &[Entry]) -> String {
 
 #[test]
 fn half_precision_is_widened() {
-    let narrowed = entries(|value| half::f16::from_f32(value).to_le_bytes().to_vec(), "F16");
+    let narrowed = entries(
+        |value| half::f16::from_f32(value).to_le_bytes().to_vec(),
+        "F16",
+    );
     let (read, _) = Parameters::from_safetensors(&file(&narrowed, Some(&metadata()))).unwrap();
     let near = |a: &f32, b: &f32| (a - b).abs() <= 1e-3 * b.abs() + 1e-7;
-    assert!(read.values().iter().zip(parameters().values()).all(|(a, b)| near(a, b)));
+    assert!(
+        read.values()
+            .iter()
+            .zip(parameters().values())
+            .all(|(a, b)| near(a, b))
+    );
     let cut = entries(|value| value.to_le_bytes()[2..].to_vec(), "BF16");
     let (read, _) = Parameters::from_safetensors(&file(&cut, Some(&metadata()))).unwrap();
     for (found, whole) in read.values().iter().zip(parameters().values()) {
@@ -63,7 +76,12 @@ fn half_precision_is_widened() {
 
 #[test]
 fn prefixes_and_counters_of_pytorch_are_understood() {
-    for prefix in ["module.", "_orig_mod.", "_orig_mod.module.", "module._orig_mod."] {
+    for prefix in [
+        "module.",
+        "_orig_mod.",
+        "_orig_mod.module.",
+        "module._orig_mod.",
+    ] {
         let mut named = plain();
         for entry in &mut named {
             entry.0 = format!("{prefix}{}", entry.0);
@@ -91,12 +109,18 @@ fn missing_extra_and_misshapen_tensors_are_all_named() {
     for said in [
         format!("2 tensors are missing: {first}, {second}"),
         "1 tensor is not expected: head.bias".to_owned(),
-        format!("{third} is F32 {shape:?}, expected F32, F16 or BF16 {:?}", &shape[..shape.len() - 1]),
+        format!(
+            "{third} is F32 {shape:?}, expected F32, F16 or BF16 {:?}",
+            &shape[..shape.len() - 1]
+        ),
     ] {
         assert!(error.contains(&said), "{said} is not in: {error}");
     }
     let error = error_of(&[]);
-    assert!(error.contains("tensors are missing") && error.contains("more"), "{error}");
+    assert!(
+        error.contains("tensors are missing") && error.contains("more"),
+        "{error}"
+    );
     let whole = entries(|_| vec![0; 8], "F64");
     assert!(error_of(&whole).contains("is F64"), "{}", error_of(&whole));
 }
@@ -114,11 +138,16 @@ fn what_is_not_finite_is_named_with_its_tensor() {
 
 #[test]
 fn a_file_without_metadata_is_told_what_to_give() {
-    let error = Parameters::from_safetensors(&file(&plain(), None)).unwrap_err().to_string();
+    let error = Parameters::from_safetensors(&file(&plain(), None))
+        .unwrap_err()
+        .to_string();
     for key in metadata().keys() {
         assert!(error.contains(key.as_str()), "{key} is not in: {error}");
     }
-    assert!(error.contains("save_file(tensors, file, metadata={"), "{error}");
+    assert!(
+        error.contains("save_file(tensors, file, metadata={"),
+        "{error}"
+    );
     let mut some = metadata();
     some.remove("cols");
     let (_, read) = Parameters::from_safetensors(&file(&plain(), Some(&some))).unwrap();
