@@ -156,7 +156,7 @@ impl Drawing {
 
     /// Draws a line through spots.
     pub fn line(&mut self, spots: Vec<Spot>, colour: Colour, width_px: f64) {
-        if spots.iter().all(|spot| spot.is_finite()) {
+        if spots.len() > 1 && spots.iter().all(|spot| spot.is_finite()) {
             self.items.push(Item::Line {
                 spots,
                 colour,

@@ -8,7 +8,7 @@ use crate::picture::{BLACK, BLUE, Colour, GREEN, GREY, RED, WHITE, mixed};
 use crate::vehicle::Vehicle;
 
 /// Pixels that the longer side of a map of few cells is enlarged to.
-const SMALL_MAP_PX: u32 = 1240;
+const SMALL_MAP_PX: u32 = 1640;
 /// Most pixels of the longer side of a map.
 const LARGE_MAP_PX: u32 = 2048;
 /// Room around everything.
@@ -20,7 +20,7 @@ const LEGEND_PX: f64 = 660.0;
 /// Distance of the legend's lines.
 const LINE_PX: f64 = 26.0;
 /// Lines of goals in a legend beside a small map.
-const LEAST_LINES: f64 = 44.0;
+const LEAST_LINES: f64 = 76.0;
 /// Enlargement of all text.
 const TEXT: u32 = 2;
 /// How much of the ground a region hides.
@@ -110,8 +110,7 @@ impl Scene<'_> {
         let scale = place.pixels_a_cell.max(1);
         let margin = whole_px(MARGIN_PX);
         drawing.image(self.image(&place), (margin, margin), scale);
-        let line = |poses: &[Pose2]| poses.iter().map(|pose| place.spot(pose)).collect();
-        drawing.line(line(self.reference), GREEN, 3.0);
+        place.line(&mut drawing, self.reference, (GREEN, 3.0));
         self.paths(&mut drawing, &place);
         outline(&mut drawing, &place, (&self.start, self.vehicle));
         self.marks(&mut drawing, &place);
@@ -168,9 +167,8 @@ impl Scene<'_> {
         for is_chosen in [false, true] {
             let goals = self.goals.iter().enumerate();
             for (index, goal) in goals.filter(|(_, goal)| goal.is_chosen == is_chosen) {
-                let spots: Vec<Spot> = goal.path.iter().map(|pose| place.spot(pose)).collect();
                 let width_px = if is_chosen { 7.0 } else { 3.0 };
-                drawing.line(spots, colour_of(index, goal), width_px);
+                place.line(drawing, &goal.path, (colour_of(index, goal), width_px));
             }
         }
     }
@@ -430,6 +428,51 @@ impl Placement {
         }
     }
 
+    /// Draws a line through poses, as far as it is on the map.
+    fn line(&self, drawing: &mut Drawing, poses: &[Pose2], (colour, width_px): (Colour, f64)) {
+        let spots: Vec<Spot> = poses.iter().map(|pose| self.spot(pose)).collect();
+        let mut run: Vec<Spot> = Vec::new();
+        for pair in spots.windows(2) {
+            let Some((from, to)) = self.clipped(pair[0], pair[1]) else {
+                continue;
+            };
+            if run.last() != Some(&from) {
+                drawing.line(std::mem::take(&mut run), colour, width_px);
+                run.push(from);
+            }
+            run.push(to);
+        }
+        drawing.line(run, colour, width_px);
+    }
+
+    /// The part of a segment that is on the map (Y. Liang and B. Barsky).
+    fn clipped(&self, from: Spot, to: Spot) -> Option<(Spot, Spot)> {
+        let (width, height) = self.size_px();
+        let along = Spot::new(to.x - from.x, to.y - from.y);
+        let (mut first, mut last) = (0.0f64, 1.0f64);
+        for (step, room) in [
+            (-along.x, from.x - MARGIN_PX),
+            (along.x, MARGIN_PX + width - from.x),
+            (-along.y, from.y - MARGIN_PX),
+            (along.y, MARGIN_PX + height - from.y),
+        ] {
+            if step == 0.0 && room < 0.0 {
+                return None;
+            }
+            if step < 0.0 {
+                first = first.max(room / step);
+            } else if step > 0.0 {
+                last = last.min(room / step);
+            }
+        }
+        let at = |part: f64| match part {
+            0.0 => from,
+            1.0 => to,
+            part => Spot::new(from.x + part * along.x, from.y + part * along.y),
+        };
+        (first <= last).then(|| (at(first), at(last)))
+    }
+
     /// The nearest spot on the map.
     fn kept(&self, spot: Spot) -> Spot {
         let (width, height) = self.size_px();
@@ -680,6 +723,21 @@ mod tests {
                 }
             }
         }
+    }
+
+    #[test]
+    fn lines_end_at_the_edge_of_the_map() {
+        let place = Placement::of(&spec(100, 100, 0.1), Top::X);
+        let (width, height) = place.size_px();
+        let (right, bottom) = (MARGIN_PX + width, MARGIN_PX + height);
+        let inside = Spot::new(right - 10.0, 100.0);
+        let beyond = Spot::new(right + 10.0, 120.0);
+        let (from, to) = place.clipped(inside, beyond).unwrap();
+        assert_eq!(from, inside);
+        assert!((to.x - right).abs() < 1e-9 && (to.y - 110.0).abs() < 1e-9);
+        assert_eq!(place.clipped(beyond, Spot::new(right + 1.0, bottom)), None);
+        assert_eq!(place.clipped(inside, inside), Some((inside, inside)));
+        assert_eq!(place.clipped(Spot::default(), Spot::new(right, 0.0)), None);
     }
 
     #[test]
