@@ -3,12 +3,15 @@
 #![expect(clippy::unwrap_used, reason = "helpers of tests")]
 
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use assert_cmd::Command;
 use serde_json::Value;
 use swath_bridge::msg::header::Header;
+use swath_bridge::msg::swath::PlanReport;
 use swath_bridge::recording::Writer;
 use swath_bridge::{FREE, GridSpec, OCCUPIED, Occupancy, Pose2, Vehicle, keys};
+use swath_planner::{FrameInput, FramePlanner, MotionModel, PlanConfig, Plane, Start, plan_report};
 use tempfile::TempDir;
 
 fn swath() -> Command {
@@ -140,6 +143,7 @@ fn a_start_at_any_heading_on_a_turned_map_gives_paths_in_the_maps_frame() {
         assert_eq!(target["status"], "solved", "{heading_rad}");
         assert_eq!(plan["targets"][1]["status"], "out_of_bounds");
         assert_eq!(pose_of(&target["goal"]), goal);
+        assert!(pose_of(&plan["start"]).distance_m(&start) < 1e-6);
         let path: Vec<Pose2> = target["path"]
             .as_array()
             .unwrap()
@@ -298,10 +302,24 @@ fn a_network_of_another_vehicle_is_warned_of() {
     );
 }
 
-#[test]
-fn every_kind_of_frame_of_a_recording_is_drawn() {
-    let folder = tempfile::tempdir().unwrap();
-    let run = folder.path().join("run.mcap");
+/// The report of a plan to one goal ahead.
+fn plan_on(occupancy: &Occupancy, header: Header) -> PlanReport {
+    let model = MotionModel::new(&Vehicle::default(), occupancy.spec.resolution_m).unwrap();
+    let input = FrameInput {
+        spec: occupancy.spec,
+        obstacles: &Plane::from_occupancy(occupancy, 50, false),
+        reference: &[],
+        goals: &[Pose2::new(5.0, 0.0, 0.0)],
+        start: Start::default(),
+    };
+    let config = PlanConfig::default();
+    let planner = FramePlanner::new(Arc::new(model));
+    let plan = planner.plan(&input, None, &config).unwrap();
+    plan_report(header, config.method, 1.0, &plan)
+}
+
+/// Records five grids of a vehicle, the second with its plan.
+fn record_grids(run: &Path) {
     let spec = GridSpec {
         rows: 60,
         cols: 40,
@@ -311,15 +329,30 @@ fn every_kind_of_frame_of_a_recording_is_drawn() {
     };
     let mut occupancy = Occupancy::filled(spec, FREE);
     occupancy.cells[0] = OCCUPIED;
-    let mut writer = Writer::create(&run).unwrap();
+    let mut writer = Writer::create(run).unwrap();
     for number in 0..5u64 {
         let nanos = 1_000_000_000 * (number + 1);
-        let grid = occupancy.to_message(Header::at(nanos, "base_link"));
+        let header = Header::at(nanos, "base_link");
+        let grid = occupancy.to_message(header.clone());
         writer
             .write(&keys::grid("car-1"), &grid, nanos, nanos)
             .unwrap();
+        if number == 1 {
+            let mut report = plan_on(&occupancy, header);
+            report.chosen = 0;
+            writer
+                .write(&keys::plan("car-1"), &report, nanos, nanos)
+                .unwrap();
+        }
     }
     writer.finish().unwrap();
+}
+
+#[test]
+fn every_kind_of_frame_of_a_recording_is_drawn() {
+    let folder = tempfile::tempdir().unwrap();
+    let run = folder.path().join("run.mcap");
+    record_grids(&run);
     let samples = folder.path().join("samples.mcap");
     swath()
         .args(["generate", "--seed", "3", "--count", "4", "--out"])
@@ -349,6 +382,12 @@ fn every_kind_of_frame_of_a_recording_is_drawn() {
     };
     let all = pictures(&run, "all", &[]);
     assert_eq!(all.len(), 5);
+    let bytes_of = |number: usize| {
+        let path = folder.path().join("all").join(&all[number]);
+        path.metadata().unwrap().len()
+    };
+    // The path and its goal.
+    assert!(bytes_of(1) > bytes_of(0) + 500 && bytes_of(0).abs_diff(bytes_of(2)) < 200);
     assert_eq!(all[4], "car-1-000004.png");
     assert_eq!(
         pictures(&run, "some", &["--every", "2", "--count", "2"]),

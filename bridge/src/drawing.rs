@@ -331,7 +331,7 @@ mod tests {
             .next()
             .unwrap();
         // A PNG file begins with these bytes.
-        assert!(encoded.starts_with("iVBORw0KGgo") && encoded.len() % 4 == 0);
+        assert!(encoded.starts_with("iVBORw0KGgo") && encoded.len().is_multiple_of(4));
     }
 
     #[test]

@@ -15,7 +15,7 @@ use crate::output::{self, Failure};
 use crate::progress;
 use crate::runtime::{stop_signal, with_session};
 
-mod pictures;
+pub(crate) mod pictures;
 
 /// Time between two looks at a recorder.
 const LOOK_EVERY: Duration = Duration::from_millis(250);

@@ -128,6 +128,8 @@ fn warn_of_misfit(network: &Network, around: &GridSpec, config: &Config) {
 #[derive(Debug, Serialize)]
 struct PlanJson {
     method: &'static str,
+    /// Where paths begin, in the frame that they are in.
+    start: [f64; 3],
     targets: Vec<TargetJson>,
     network_ms: f64,
     search_ms: f64,
@@ -184,6 +186,7 @@ impl PlanJson {
             });
         Self {
             method: method.name(),
+            start: triple(&place.in_map(&place.start.pose)),
             targets: targets.collect(),
             network_ms: millis(plan.network),
             search_ms: millis(plan.search),

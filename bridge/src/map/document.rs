@@ -246,7 +246,7 @@ mod tests {
         let mut bomb = "a0: &a0 [1, 1, 1, 1, 1, 1, 1, 1, 1, 1]\n".to_owned();
         for level in 1..12 {
             let alias = format!("*a{}, ", level - 1).repeat(10);
-            bomb += &format!("a{level}: &a{level} [{alias}]\n");
+            bomb = format!("{bomb}a{level}: &a{level} [{alias}]\n");
         }
         let error = entries(&bomb).unwrap_err();
         assert!(error.contains("aliases"), "{error}");

@@ -288,7 +288,7 @@ mod tests {
         }
     }
 
-    fn input_on<'a>(spec: GridSpec, obstacles: &'a Plane, pose: Pose2) -> FrameInput<'a> {
+    fn input_on(spec: GridSpec, obstacles: &Plane, pose: Pose2) -> FrameInput<'_> {
         FrameInput {
             spec,
             obstacles,
@@ -327,7 +327,9 @@ mod tests {
         };
         let cells: Vec<Cell> = (0..30).map(|at| Cell::new(at, (at * 7) % 20)).collect();
         let mut obstacles = Plane::empty(spec.rows, spec.cols);
-        cells.iter().for_each(|&cell| obstacles.set(cell));
+        for &cell in &cells {
+            obstacles.set(cell);
+        }
         for step in 0..50 {
             let step = f64::from(step);
             let pose = Pose2::new(0.02 * step - 0.5, 0.3 - 0.013 * step, 0.13 * step - 3.1);

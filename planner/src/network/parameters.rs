@@ -15,9 +15,9 @@ pub const MAX_WEIGHTS_BYTES: usize = 64 << 20;
 
 /// Slope of every `PReLU` at the beginning.
 const INITIAL_SLOPE: f32 = 0.25;
-/// What wrappers of PyTorch put before the names of tensors: `DataParallel`, and `torch.compile`.
+/// What wrappers of `PyTorch` put before the names of tensors: `DataParallel`, and `torch.compile`.
 const PREFIXES: [&str; 2] = ["module.", "_orig_mod."];
-/// What batch normalisation of PyTorch counts and no prediction needs.
+/// What batch normalisation of `PyTorch` counts and no prediction needs.
 const COUNTER: &str = "num_batches_tracked";
 /// Types that tensors may have.
 const TYPES: [Dtype; 3] = [Dtype::F32, Dtype::F16, Dtype::BF16];
@@ -139,7 +139,7 @@ impl Parameters {
 
     /// The parameters in a safetensors file, and its metadata.
     ///
-    /// Tensors of half precision are widened. The prefixes that wrappers of PyTorch put before names are
+    /// Tensors of half precision are widened. The prefixes that wrappers of `PyTorch` put before names are
     /// left out, and so are the counters of its batch normalisation. Other tensors are refused.
     ///
     /// # Errors

@@ -32,7 +32,7 @@ const USUAL_COUNT: u64 = 50;
 const MAX_WAITING: usize = 8;
 
 /// Runs the command.
-pub(super) fn run(options: &PicturesOptions, config: &Config) -> Result<(), Failure> {
+pub(crate) fn run(options: &PicturesOptions, config: &Config) -> Result<(), Failure> {
     let bar = progress::bar(0, "pictures");
     let totals = frames_of(&options.file)?;
     if totals.is_empty() {
