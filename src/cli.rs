@@ -14,7 +14,9 @@ use std::path::PathBuf;
 use clap::{Args, Parser, Subcommand};
 
 pub(crate) use bench::{BenchOptions, ReportOptions};
-pub(crate) use bridge::{BridgeCommand, BridgeOptions, GridsOptions, ReplayOptions};
+pub(crate) use bridge::{
+    BridgeCommand, BridgeOptions, GridsOptions, PicturesOptions, ReplayOptions,
+};
 pub(crate) use demo::DemoOptions;
 pub(crate) use generate::GenerateOptions;
 pub(crate) use log::LogOptions;

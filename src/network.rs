@@ -3,6 +3,7 @@
 use std::path::Path;
 
 use anyhow::Context;
+use swath_bridge::{GridSpec, Vehicle};
 use swath_planner::network::{Network, NetworkInfo, Parameters};
 use swath_trainer::SHIPPED_WEIGHTS;
 
@@ -36,11 +37,66 @@ pub(crate) fn load_parameters(path: Option<&Path>) -> anyhow::Result<(NetworkInf
     Ok((info, parameters))
 }
 
-/// Why a network is of no use for a configuration, if it is not.
+/// Why a network may be of no use for a configuration, if it may: its grid or its vehicle differs.
 pub(crate) fn misfit(info: &NetworkInfo, config: &Config) -> Option<String> {
-    if info.spec != config.grid {
-        let (rows, cols) = (info.spec.rows, info.spec.cols);
-        return Some(format!("it is for {rows} x {cols} cells"));
+    misfit_on(info, &config.grid, &config.vehicle)
+}
+
+/// [`misfit`] for a grid that is not the configuration's.
+pub(crate) fn misfit_on(info: &NetworkInfo, spec: &GridSpec, vehicle: &Vehicle) -> Option<String> {
+    let mut differences = Vec::new();
+    if info.spec != *spec {
+        let (network, configured) = (grid_text(&info.spec), grid_text(spec));
+        differences.push(format!(
+            "it is for {network}, but the grid has {configured}"
+        ));
     }
-    (info.vehicle != config.vehicle.digest()).then(|| "it is for another vehicle".to_owned())
+    if info.vehicle != vehicle.digest() {
+        differences.push(format!(
+            "it is for vehicle {} (turning radius {} m, half width {} m), but the vehicle is {} \
+             (turning radius {} m, half width {} m)",
+            info.vehicle,
+            info.min_turning_radius_m,
+            info.half_width_m,
+            vehicle.digest(),
+            vehicle.min_turning_radius_m,
+            vehicle.half_width_m
+        ));
+    }
+    (!differences.is_empty()).then(|| differences.join("; "))
+}
+
+fn grid_text(spec: &GridSpec) -> String {
+    format!(
+        "{} x {} cells of {} m with the vehicle at ({}, {})",
+        spec.rows, spec.cols, spec.resolution_m, spec.ego_row, spec.ego_col
+    )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_network_of_another_vehicle_or_grid_is_told_apart() {
+        let info = NetworkInfo::default();
+        let config = Config::default();
+        assert_eq!(misfit(&info, &config), None);
+        let mut longer = config.clone();
+        longer.vehicle.front_m += 0.1;
+        let said = misfit(&info, &longer).unwrap();
+        assert!(
+            said.contains(&info.vehicle) && said.contains(&longer.vehicle.digest()),
+            "{said}"
+        );
+        assert!(!said.contains("cells"), "{said}");
+        let mut finer = config;
+        finer.grid.resolution_m = 0.1;
+        let said = misfit(&info, &finer).unwrap();
+        assert!(
+            said.contains("cells of 0.2 m") && said.contains("cells of 0.1 m"),
+            "{said}"
+        );
+        assert!(!said.contains("radius"), "{said}");
+    }
 }

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use crate::Error;
 use crate::geometry::Pose2;
-use crate::pgm::read_limited;
+use crate::map::read_limited;
 
 /// Most poses that a file may hold.
 pub const MAX_POSES: usize = 100_000;
@@ -32,6 +32,7 @@ pub fn read_poses(path: &Path) -> Result<Vec<Pose2>, Error> {
 /// [`Error::BadFile`] names the line and what was expected there.
 pub fn parse_poses(text: &str, path: &Path) -> Result<Vec<Pose2>, Error> {
     let mut poses = Vec::new();
+    let text = text.trim_start_matches('\u{feff}');
     for (number, line) in (1..).zip(text.lines()) {
         let content = line.split('#').next().unwrap_or_default().trim();
         if content.is_empty() {
@@ -97,6 +98,7 @@ mod tests {
             [Pose2::new(1.0, -2.5, 0.1), Pose2::new(3.0, 4.0, 0.5)]
         );
         assert_eq!(parse("").unwrap(), []);
+        assert_eq!(parse("\u{feff}0 0 0\n").unwrap(), [Pose2::default()]);
     }
 
     #[test]

@@ -1,10 +1,9 @@
 //! Pictures of grids, with the vehicle heading up: PNG files that look the same on every machine.
 
-mod font;
-
 use std::path::Path;
 
 use crate::Error;
+use crate::drawing::{GLYPH_PX, dots_of, png_of};
 use crate::geometry::{Cell, GridSpec, Pose2};
 use crate::occupancy::{OCCUPIED, Occupancy};
 use crate::vehicle::Vehicle;
@@ -165,23 +164,24 @@ impl Picture {
         ] {
             self.segment((from, to), BLACK, 2.0);
         }
-        self.text(&format!("{metres} m"), (left + 4.0, base - 16.0), BLACK);
+        self.text(&format!("{metres} m"), (left + 4.0, base - 22.0), BLACK);
     }
 
     /// Writes at a pixel, the upper left of the text. Letters without a glyph are left blank.
     pub fn text(&mut self, text: &str, at_px: (f64, f64), colour: Colour) {
         const DOT_PX: i64 = 2;
+        let advance_px = i64::from(GLYPH_PX) * DOT_PX;
         #[expect(clippy::cast_possible_truncation, reason = "places in a picture")]
         let (mut left, top) = (at_px.0 as i64, at_px.1 as i64);
         for character in text.chars() {
-            for (x, y) in font::dots_of(character) {
+            for (x, y) in dots_of(character) {
                 for dy in 0..DOT_PX {
                     for dx in 0..DOT_PX {
                         self.set(left + x * DOT_PX + dx, top + y * DOT_PX + dy, colour);
                     }
                 }
             }
-            left += (font::WIDTH + 1) * DOT_PX;
+            left += advance_px;
         }
     }
 
@@ -191,22 +191,7 @@ impl Picture {
     /// [`Error::Io`], of no path, if it cannot be encoded.
     pub fn to_png(&self) -> Result<Vec<u8>, Error> {
         let (width_px, height_px) = self.size_px();
-        let mut bytes = Vec::new();
-        let mut encoder = png::Encoder::new(&mut bytes, width_px, height_px);
-        encoder.set_color(png::ColorType::Rgb);
-        encoder.set_depth(png::BitDepth::Eight);
-        encoder.set_compression(png::Compression::Fast);
-        encoder
-            .write_header()
-            .and_then(|mut writer| {
-                writer.write_image_data(self.pixels.as_flattened())?;
-                writer.finish()
-            })
-            .map_err(|error| Error::Io {
-                path: "picture".into(),
-                source: std::io::Error::other(error),
-            })?;
-        Ok(bytes)
+        png_of(width_px, height_px, &self.pixels)
     }
 
     /// Writes the picture as a PNG file.
@@ -290,7 +275,7 @@ impl Picture {
     }
 }
 
-fn mixed(below: Colour, above: Colour, opacity: f64) -> Colour {
+pub(crate) fn mixed(below: Colour, above: Colour, opacity: f64) -> Colour {
     let opacity = opacity.clamp(0.0, 1.0);
     #[expect(
         clippy::cast_possible_truncation,

@@ -13,7 +13,7 @@ use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
 use serde::{Deserialize, Serialize};
-use swath_bridge::{GridSpec, Occupancy, Pose2};
+use swath_bridge::{GridSpec, Occupancy, Outcome, Pose2};
 
 use crate::collision::CollisionMap;
 use crate::method::Method;
@@ -28,6 +28,8 @@ pub use asking::Consulted;
 
 use drive::{Drive, make_drivable};
 use view::View;
+
+pub use view::grid_around;
 
 /// Which cells of an occupancy grid are obstacles.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -200,11 +202,37 @@ impl FramePlanner {
         network: Option<&Network>,
         config: &PlanConfig,
     ) -> Result<FramePlan, Error> {
+        self.plan_view(input, || Ok(View::new(input)), network, config)
+    }
+
+    /// [`Self::plan`], searched on a grid around the start (see [`grid_around`]) rather than on one of the
+    /// frame's size. Paths stay on the frame's grid, and regions are on the other one.
+    ///
+    /// # Errors
+    /// As [`Self::plan`].
+    pub fn plan_on(
+        &self,
+        input: &FrameInput<'_>,
+        around_start: &GridSpec,
+        network: Option<&Network>,
+        config: &PlanConfig,
+    ) -> Result<FramePlan, Error> {
+        let view = || View::on(input, around_start, &self.model);
+        self.plan_view(input, view, network, config)
+    }
+
+    fn plan_view<'a>(
+        &self,
+        input: &FrameInput<'a>,
+        view: impl FnOnce() -> Result<View<'a>, Error>,
+        network: Option<&Network>,
+        config: &PlanConfig,
+    ) -> Result<FramePlan, Error> {
         let cpu = CpuTimer::of_process();
         let started = Instant::now();
         let deadline = deadline_in(config.frame_deadline_ms);
-        let view = View::new(input);
-        let map = CollisionMap::new(Arc::clone(&self.model), input.spec, &view.obstacles)?;
+        let view = view()?;
+        let map = CollisionMap::new(Arc::clone(&self.model), view.spec, &view.obstacles)?;
         let seen = Seen {
             map: &map,
             view: &view,
@@ -219,6 +247,9 @@ impl FramePlanner {
         };
         let (cpu, total) = (cpu.elapsed(), started.elapsed());
         as_seen_by_vehicle(input, &mut found.targets);
+        if view.spec != input.spec {
+            name_goals_off_the_grid(input, &mut found.targets);
+        }
         if config.smooth {
             self.make_drivable(input, &mut found.targets, (deadline, config))?;
         }
@@ -312,6 +343,17 @@ fn as_seen_by_vehicle(input: &FrameInput<'_>, targets: &mut [TargetPlan]) {
         target.goal = *goal;
         for pose in &mut target.result.path {
             *pose = input.start.pose.then(pose);
+        }
+    }
+}
+
+/// Goals beyond the frame's grid are out of bounds, though the grid around the start may hold them.
+fn name_goals_off_the_grid(input: &FrameInput<'_>, targets: &mut [TargetPlan]) {
+    for (target, goal) in targets.iter_mut().zip(input.goals) {
+        let cell = input.spec.cell_at(goal.x_m, goal.y_m);
+        let is_occupied = target.result.outcome == Outcome::GoalOccupied;
+        if is_occupied && input.spec.index_of(cell).is_none() {
+            target.result.outcome = Outcome::OutOfBounds;
         }
     }
 }

@@ -34,7 +34,9 @@ pub use action::{ACTIONS, AHEAD, Action, ActionTable, DIRECTIONS, REACH_CELLS};
 pub use choice::{ChoiceConfig, choose};
 pub use collision::CollisionMap;
 pub use error::Error;
-pub use frame::{Consulted, FrameInput, FramePlan, FramePlanner, ObstacleConfig, Start};
+pub use frame::{
+    Consulted, FrameInput, FramePlan, FramePlanner, ObstacleConfig, Start, grid_around,
+};
 pub use guidance::Guidance;
 pub use method::Method;
 pub use motion::{MotionModel, Successors};

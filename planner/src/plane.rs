@@ -155,6 +155,13 @@ impl Plane {
         }
     }
 
+    /// Clears a cell; off the grid this does nothing.
+    pub(crate) fn clear(&mut self, cell: Cell) {
+        if let Some(index) = self.index_of(cell) {
+            self.bits[index / 8] &= !(0x80 >> (index % 8));
+        }
+    }
+
     /// The cells around which a square of `2 cells + 1` a side is set, as far as it is on the grid.
     #[must_use]
     pub fn shrunk(&self, cells: u32) -> Self {

@@ -37,6 +37,10 @@ pub(crate) enum BridgeCommand {
   swath bridge grids drive.mcap --out grids.mcap --pictures pictures
   swath bridge grids rosbag2-folder --out grids.mcap --mount /scan=1,0,0.3,0,0,0")]
     Grids(GridsOptions),
+    /// Draw the frames of a recording: grids with the plans that were made of them, and samples
+    #[command(after_help = "Example:
+  swath bridge pictures run.mcap --out pictures --every 10")]
+    Pictures(PicturesOptions),
     /// Say what a recording holds
     Info {
         /// Recording (.mcap or .mcap.zstd) or rosbag2 folder
@@ -110,4 +114,21 @@ pub(crate) struct GridsOptions {
     pub(crate) vehicle: String,
     #[command(flatten)]
     pub(crate) ingest: LogOptions,
+}
+
+#[derive(Debug, Args)]
+pub(crate) struct PicturesOptions {
+    /// Recording
+    pub(crate) file: PathBuf,
+    /// Folder for the pictures, one PNG file a frame, named so that they sort
+    #[arg(long, value_name = "DIR")]
+    pub(crate) out: PathBuf,
+    /// Draw every Nth frame of a vehicle, and every Nth sample of a generator [default: so that
+    /// --count is kept]
+    #[arg(long, value_parser = super::values::whole(1u64, u64::MAX), value_name = "N")]
+    pub(crate) every: Option<u64>,
+    /// Draw at most N frames of a vehicle, and N samples of a generator [default: 50, or all that
+    /// --every leaves]
+    #[arg(long, value_parser = super::values::whole(1u64, 1_000_000), value_name = "N")]
+    pub(crate) count: Option<u64>,
 }

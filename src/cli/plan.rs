@@ -1,31 +1,57 @@
 //! The options of `swath plan`.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use clap::Args;
+use swath_bridge::Pose2;
+use swath_bridge::drawing::PictureFormat;
 use swath_planner::{Method, PlanConfig};
 
+use super::values;
 use crate::config::Config;
+
+/// Greatest speed, m/s.
+const MAX_SPEED_M_PER_S: f64 = 60.0;
+/// Longest time limit: a day.
+const MAX_TIME_MS: u64 = 86_400_000;
+/// Largest coordinate of a start, metres, as that of a goal.
+const MAX_COORDINATE_M: f64 = 1e6;
 
 /// Plan to targets: once on a map, or as a node on live grids.
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:
   swath plan --map F.pgm --goals F.txt --picture plan.png
+  swath plan --map warehouse.yaml --start 2.5,-1,0.3 --goals F.txt --picture plan.svg
   swath plan --map F.pgm --goals F.txt --reference R.txt --method tiev-fcn \\
       --weights W.safetensors --json -
-  swath plan --vehicle car-1                 a node: plans on grids as they come")]
+  swath plan --vehicle car-1                 a node: plans on grids as they come
+
+Maps: a PGM or PNG picture with the YAML file of nav2's map server, or a picture alone of the size of
+the configured grid. The frame of a map with a YAML file is the one that the file's origin is given
+in. The frame of a picture alone is at the grid's ego cell (row 300 and column 75 of 401 x 151 unless
+configured), with x up and y to the left.
+
+With --start, the vehicle stands there in the map's frame, at any heading, and goals, reference and
+results are in the map's frame too. Without --start, the vehicle stands at the origin of the map's
+frame and heads along x, so that the map's frame is the vehicle's. The vehicle's point is the middle
+of its rear axle. What lies beyond the map's edge is not driven on.
+
+Exit codes: 0 at least one target was solved, 1 failure, 2 wrong usage, 4 no target was solved.")]
 pub(crate) struct PlanOptions {
-    /// Map, a PGM picture (or the YAML file beside it); without it this is a node
+    /// Map: a PGM or PNG picture, or the YAML file beside it; without it this is a node
     #[arg(long, value_name = "FILE", requires = "goals")]
     pub(crate) map: Option<PathBuf>,
-    /// Targets, a line each: x y yaw (metres and radians, vehicle frame)
+    /// Targets, a line each: x y yaw (metres and radians, in the map's frame)
     #[arg(long, value_name = "FILE", requires = "map")]
     pub(crate) goals: Option<PathBuf>,
-    /// Rough reference path, a line a pose: x y yaw
-    #[arg(long, value_name = "FILE")]
+    /// Where the vehicle stands in the map's frame: metres and radians [default: 0,0,0]
+    #[arg(long, value_parser = parse_start, value_name = "X,Y,YAW", requires = "map", allow_hyphen_values = true)]
+    pub(crate) start: Option<Pose2>,
+    /// Rough reference path, a line a pose: x y yaw, in the map's frame
+    #[arg(long, value_name = "FILE", requires = "map")]
     pub(crate) reference: Option<PathBuf>,
     /// Speed, which limits turns; a node follows the odometry
-    #[arg(long, value_name = "M_PER_S")]
+    #[arg(long, value_parser = values::number(0.0, MAX_SPEED_M_PER_S), value_name = "M_PER_S", allow_hyphen_values = true)]
     pub(crate) speed: Option<f64>,
     /// Method: tiev, tiev-fcn (in the regions of a network), weighted or swath [default: swath]
     #[arg(long, value_parser = parse_method, value_name = "METHOD")]
@@ -34,19 +60,20 @@ pub(crate) struct PlanOptions {
     #[arg(long, value_name = "FILE")]
     pub(crate) weights: Option<PathBuf>,
     /// Most time for one target's search; 0 for no limit; not for swath [default: 0]
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_parser = values::whole(0, MAX_TIME_MS), allow_negative_numbers = true, value_name = "N")]
     pub(crate) time_limit_ms: Option<u64>,
     /// Most time for all targets of a frame; 0 for no limit [default: 0 on a map, 100 as a node]
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_parser = values::whole(0, MAX_TIME_MS), allow_negative_numbers = true, value_name = "N")]
     pub(crate) deadline_ms: Option<u64>,
     /// Write the plans as JSON to a file, or to standard output for -
-    #[arg(long, value_name = "FILE")]
+    #[arg(long, value_name = "FILE", requires = "map")]
     pub(crate) json: Option<PathBuf>,
-    /// Draw map, regions and paths
-    #[arg(long, value_name = "FILE")]
+    /// Draw map, regions and paths into a .png or .svg file; with --start as the map's picture lies,
+    /// else with the vehicle heading up
+    #[arg(long, value_parser = parse_picture, value_name = "FILE", requires = "map")]
     pub(crate) picture: Option<PathBuf>,
     /// Name of the vehicle to plan for, as a node
-    #[arg(long, default_value = "v0", value_name = "NAME")]
+    #[arg(long, value_parser = values::name, default_value = "v0", value_name = "NAME")]
     pub(crate) vehicle: String,
     /// Plan although another planner plans for this vehicle; else that is an error
     #[arg(long)]
@@ -72,4 +99,62 @@ pub(super) fn parse_method(name: &str) -> Result<Method, String> {
         let names: Vec<&str> = Method::ALL.iter().map(|method| method.name()).collect();
         format!("expected one of {}", names.join(", "))
     })
+}
+
+/// A pose: three numbers with commas between them.
+fn parse_start(text: &str) -> Result<Pose2, String> {
+    let numbers: Option<Vec<f64>> = text
+        .split(',')
+        .map(|part| part.trim().parse().ok())
+        .collect();
+    match numbers.as_deref() {
+        Some(&[x_m, y_m, yaw_rad])
+            if x_m.abs() <= MAX_COORDINATE_M
+                && y_m.abs() <= MAX_COORDINATE_M
+                && yaw_rad.abs() <= std::f64::consts::TAU =>
+        {
+            Ok(Pose2::new(x_m, y_m, yaw_rad))
+        }
+        _ => Err(
+            "expected x,y,yaw: metres, metres and radians from -6.28 to 6.28, for example 2.5,-1,0.3"
+                .to_owned(),
+        ),
+    }
+}
+
+/// The path of a picture in a format that can be written.
+fn parse_picture(text: &str) -> Result<PathBuf, String> {
+    match PictureFormat::of_path(Path::new(text)) {
+        Some(_) => Ok(text.into()),
+        None => Err(format!(
+            "expected a name that ends in {}",
+            PictureFormat::KNOWN
+        )),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_start_is_three_numbers() {
+        assert_eq!(parse_start("1.5, -2,0.5"), Ok(Pose2::new(1.5, -2.0, 0.5)));
+        for bad in [
+            "", "1,2", "1,2,3,4", "a,b,c", "1 2 3", "nan,0,0", "0,inf,0", "1e7,0,0", "0,0,90",
+        ] {
+            assert!(parse_start(bad).is_err(), "{bad}");
+        }
+    }
+
+    #[test]
+    fn pictures_are_png_or_svg() {
+        assert_eq!(parse_picture("a/b.svg"), Ok("a/b.svg".into()));
+        for bad in ["plan.jpg", "plan", "plan.pdf", ""] {
+            assert!(
+                parse_picture(bad).unwrap_err().contains(".png or .svg"),
+                "{bad}"
+            );
+        }
+    }
 }

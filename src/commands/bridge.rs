@@ -22,6 +22,8 @@ use crate::progress;
 use crate::reporter::Reporter;
 use crate::runtime::{stop_signal, with_session};
 
+pub(crate) mod pictures;
+
 /// Time between two looks at a recorder.
 const LOOK_EVERY: Duration = Duration::from_millis(250);
 
@@ -39,6 +41,7 @@ pub(crate) fn run(
         } => record(out, *seconds, *force, network),
         BridgeCommand::Replay(options) => replay(options, network),
         BridgeCommand::Grids(options) => grids(options, config),
+        BridgeCommand::Pictures(options) => pictures::run(options, config),
         BridgeCommand::Info { file, json } => info(file, *json),
         BridgeCommand::Recover { file, out, force } => {
             recover(file, out, Existing::of_force(*force))

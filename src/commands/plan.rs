@@ -4,18 +4,23 @@ use std::path::Path;
 use std::sync::Arc;
 
 use serde::Serialize;
-use swath_bridge::{Outcome, Pose2, goals, pgm};
+use swath_bridge::{GridSpec, Outcome, Pose2, goals};
 use swath_planner::network::Network;
 use swath_planner::smooth::Drivability;
-use swath_planner::{FrameInput, FramePlan, FramePlanner, Method, MotionModel, Start, millis};
+use swath_planner::{FrameInput, FramePlan, FramePlanner, Method, MotionModel, TargetPlan, millis};
 
 use crate::cli::{NetworkOptions, PlanOptions};
 use crate::config::Config;
 use crate::network;
 use crate::output::{self, Failure};
+use crate::outputs;
+
+pub(crate) use picture::reason_of;
+use place::Place;
 
 pub(crate) mod node;
 mod picture;
+mod place;
 
 /// Runs the command.
 pub(crate) fn run(
@@ -51,43 +56,80 @@ fn plan_once(
     goal_file: &Path,
     config: &Config,
 ) -> Result<(), Failure> {
-    let occupancy = pgm::read_map(map, &config.grid)?;
-    let goals = goals::read_poses(goal_file)?;
+    for path in [&options.json, &options.picture].into_iter().flatten() {
+        if path != Path::new("-") {
+            outputs::test_file(path)?;
+        }
+    }
+    let place = Place::read(map, options.start.as_ref(), config)?;
+    let named = goals::read_poses(goal_file)?;
+    if named.is_empty() {
+        return Err(anyhow::anyhow!(
+            "{}: there is no goal, expected a line \"x y yaw\" for each",
+            goal_file.display()
+        )
+        .into());
+    }
+    let goals = place.in_grid(&named);
     let reference = match &options.reference {
-        Some(path) => goals::read_poses(path)?,
+        Some(path) => place.in_grid(&goals::read_poses(path)?),
         None => Vec::new(),
     };
     let network = network_of(options, config)?;
     let plan_config = options.plan_config(config);
     let method = plan_config.method;
-    let obstacles = config.obstacles.obstacles(&occupancy);
-    let spec = occupancy.spec;
+    let obstacles = config.obstacles.obstacles(&place.occupancy);
+    let spec = place.occupancy.spec;
     let model = Arc::new(MotionModel::new(&config.vehicle, spec.resolution_m)?);
     let input = FrameInput {
         spec,
         obstacles: &obstacles,
         reference: &reference,
         goals: &goals,
-        start: Start::default(),
+        start: place.start,
     };
-    let plan = FramePlanner::new(model).plan(&input, network.as_ref(), &plan_config)?;
+    let around = place.grid_around(&goals, network.as_ref())?;
+    if let Some(network) = &network {
+        warn_of_misfit(network, &around, config);
+    }
+    let planner = FramePlanner::new(model);
+    let plan = planner.plan_on(&input, &around, network.as_ref(), &plan_config)?;
 
     if let Some(path) = &options.json {
-        output::json_to(path, &PlanJson::new(method, &plan))?;
+        output::json_to(path, &PlanJson::new(method, &plan, (&place, &named)))?;
     }
     if let Some(path) = &options.picture {
-        picture::draw(path, &occupancy, &input, &plan, config)?;
+        let shown = picture::Shown {
+            place: &place,
+            named: &named,
+            around: &around,
+            method,
+        };
+        shown.draw(path, &input, &plan, config)?;
     }
     if options.json.as_deref() != Some(Path::new("-")) {
-        print_table((method, plan_config.speed_m_per_s), &plan)?;
+        print_table((method, plan_config.speed_m_per_s), &plan, &named)?;
     }
-    Ok(())
+    let is_solved = |target: &TargetPlan| target.result.outcome == Outcome::Solved;
+    if plan.targets.iter().any(is_solved) {
+        return Ok(());
+    }
+    Err(Failure::Unsolved(place.why_unsolved(&plan)))
+}
+
+/// Says where the network was trained for something else than is planned on.
+fn warn_of_misfit(network: &Network, around: &GridSpec, config: &Config) {
+    if let Some(what) = network::misfit_on(network.info(), around, &config.vehicle) {
+        tracing::warn!("the network may be of little use: {what}");
+    }
 }
 
 /// What `--json` prints.
 #[derive(Debug, Serialize)]
 struct PlanJson {
     method: &'static str,
+    /// Where paths begin, in the frame that they are in.
+    start: [f64; 3],
     targets: Vec<TargetJson>,
     network_ms: f64,
     search_ms: f64,
@@ -117,15 +159,17 @@ struct TargetJson {
 }
 
 impl PlanJson {
-    fn new(method: Method, plan: &FramePlan) -> Self {
+    /// Of a plan; goals as they were given, paths in the map's frame.
+    fn new(method: Method, plan: &FramePlan, (place, named): (&Place, &[Pose2])) -> Self {
         let triple = |pose: &Pose2| [pose.x_m, pose.y_m, pose.yaw_rad];
         let targets = plan
             .targets
             .iter()
+            .zip(named)
             .enumerate()
-            .map(|(index, target)| TargetJson {
+            .map(|(index, (target, goal))| TargetJson {
                 index,
-                goal: triple(&target.goal),
+                goal: triple(goal),
                 status: target.result.outcome,
                 cost: target.result.cost,
                 bound: target.result.bound,
@@ -133,11 +177,16 @@ impl PlanJson {
                 steps: target.result.steps,
                 time_ms: millis(target.cpu),
                 drivability: target.drivable.as_ref().map(|path| path.drivability),
-                path: target.poses().iter().map(triple).collect(),
+                path: target
+                    .poses()
+                    .iter()
+                    .map(|pose| triple(&place.in_map(pose)))
+                    .collect(),
                 curvature_per_m: target.curvatures_per_m(),
             });
         Self {
             method: method.name(),
+            start: triple(&place.in_map(&place.start.pose)),
             targets: targets.collect(),
             network_ms: millis(plan.network),
             search_ms: millis(plan.search),
@@ -148,12 +197,15 @@ impl PlanJson {
     }
 }
 
-fn print_table((method, speed_m_per_s): (Method, f64), plan: &FramePlan) -> anyhow::Result<()> {
+fn print_table(
+    (method, speed_m_per_s): (Method, f64),
+    plan: &FramePlan,
+    named: &[Pose2],
+) -> anyhow::Result<()> {
     output::line(
         "target         goal (x, y, yaw)  status              cost  length m    steps  time ms",
     )?;
-    for (index, target) in plan.targets.iter().enumerate() {
-        let goal = &target.goal;
+    for (index, (target, goal)) in plan.targets.iter().zip(named).enumerate() {
         let result = &target.result;
         let number = |value: f64| {
             if value.is_nan() {

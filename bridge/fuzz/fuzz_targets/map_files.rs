@@ -6,7 +6,7 @@ use std::path::Path;
 
 use libfuzzer_sys::fuzz_target;
 use swath_bridge::goals::{format_poses, parse_poses};
-use swath_bridge::pgm::{MapYaml, Pgm};
+use swath_bridge::map::{MapYaml, Pgm};
 
 fuzz_target!(|data: &[u8]| {
     let Some((&kind, rest)) = data.split_first() else {

@@ -4,9 +4,10 @@ use std::collections::BTreeMap;
 
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
-use safetensors::tensor::{Dtype, SafeTensors};
+use safetensors::tensor::{Dtype, SafeTensors, TensorView};
 
 use super::graph::{Architecture, Graph, Kind, SIDE_MULTIPLE, TensorSpec};
+use super::predictor::NetworkInfo;
 use crate::Error;
 
 /// Most bytes that a weights file may have; ENet's has 1.5 million.
@@ -14,6 +15,14 @@ pub const MAX_WEIGHTS_BYTES: usize = 64 << 20;
 
 /// Slope of every `PReLU` at the beginning.
 const INITIAL_SLOPE: f32 = 0.25;
+/// What wrappers of `PyTorch` put before the names of tensors: `DataParallel`, and `torch.compile`.
+const PREFIXES: [&str; 2] = ["module.", "_orig_mod."];
+/// What batch normalisation of `PyTorch` counts and no prediction needs.
+const COUNTER: &str = "num_batches_tracked";
+/// Types that tensors may have.
+const TYPES: [Dtype; 3] = [Dtype::F32, Dtype::F16, Dtype::BF16];
+/// Most tensors of each fault that an error names.
+const MAX_NAMED: usize = 8;
 /// Largest number of characters of an error's evidence that is taken from a file.
 const MAX_EVIDENCE: usize = 120;
 
@@ -128,30 +137,25 @@ impl Parameters {
         bytes
     }
 
-    /// The parameters in a safetensors file, and its metadata. Tensors of other names are refused.
+    /// The parameters in a safetensors file, and its metadata.
+    ///
+    /// Tensors of half precision are widened. The prefixes that wrappers of `PyTorch` put before names are
+    /// left out, and so are the counters of its batch normalisation. Other tensors are refused.
     ///
     /// # Errors
     /// [`Error::Weights`] names what was expected and what was found.
     pub fn from_safetensors(bytes: &[u8]) -> Result<(Self, BTreeMap<String, String>), Error> {
-        let wrong = |what: String| Error::Weights { what };
         if bytes.len() > MAX_WEIGHTS_BYTES {
             return Err(wrong(format!(
                 "{} bytes, expected at most {MAX_WEIGHTS_BYTES}",
                 bytes.len()
             )));
         }
-        let (_, header) = SafeTensors::read_metadata(bytes).map_err(|error| {
-            wrong(format!(
-                "expected a safetensors file that swath wrote: {}",
-                evidence(&error)
-            ))
-        })?;
-        let file = SafeTensors::deserialize(bytes).map_err(|error| {
-            wrong(format!(
-                "expected a safetensors file that swath wrote: {}",
-                evidence(&error)
-            ))
-        })?;
+        let unreadable = |error: safetensors::SafeTensorError| {
+            wrong(format!("expected a safetensors file: {}", evidence(&error)))
+        };
+        let (_, header) = SafeTensors::read_metadata(bytes).map_err(unreadable)?;
+        let file = SafeTensors::deserialize(bytes).map_err(unreadable)?;
         let metadata: BTreeMap<_, _> = header
             .metadata()
             .clone()
@@ -160,36 +164,25 @@ impl Parameters {
             .collect();
         let architecture = architecture_of(&metadata)?;
         let graph = layout(architecture);
-        if file.len() != graph.tensors.len() {
-            let (found, expected) = (file.len(), graph.tensors.len());
-            return Err(wrong(format!("{found} tensors, expected {expected}")));
-        }
+        let views = views_by_name(&file)?;
+        check_tensors(&graph, &views)?;
         let mut parameters = Self {
             architecture,
             values: vec![0.0; graph.trained_len],
             running: vec![0.0; graph.running_len],
         };
         for tensor in &graph.tensors {
-            let name = &tensor.name;
-            let view = file
-                .tensor(name)
-                .map_err(|_missing| wrong(format!("there is no tensor {name}")))?;
-            if view.dtype() != Dtype::F32 || view.shape() != tensor.shape {
-                return Err(wrong(format!(
-                    "tensor {name} is {:?} {:?}, expected F32 {:?}",
-                    view.dtype(),
-                    view.shape(),
-                    tensor.shape
-                )));
-            }
+            let Some(view) = views.get(tensor.name.as_str()) else {
+                continue;
+            };
             let to = &mut parameters.flat_mut(tensor.kind)[tensor.start..][..tensor.len()];
-            for (index, (to, raw)) in to.iter_mut().zip(view.data().chunks_exact(4)).enumerate() {
-                let value = f32::from_le_bytes([raw[0], raw[1], raw[2], raw[3]]);
+            for (index, (to, value)) in to.iter_mut().zip(floats_of(view)).enumerate() {
                 let negative = tensor.kind == Kind::RunningVariance && value < 0.0;
                 if !value.is_finite() || negative {
                     let sort = if negative { "at least 0" } else { "finite" };
                     return Err(wrong(format!(
-                        "tensor {name} holds {value} at {index}, expected {sort}"
+                        "tensor {} holds {value} at {index}, expected {sort}",
+                        tensor.name
                     )));
                 }
                 *to = value;
@@ -220,12 +213,116 @@ fn layout(architecture: Architecture) -> Graph {
     Graph::new(architecture, (SIDE_MULTIPLE, SIDE_MULTIPLE))
 }
 
+/// The tensors of a file by the names that swath has for them.
+fn views_by_name<'a>(file: &'a SafeTensors<'a>) -> Result<BTreeMap<String, TensorView<'a>>, Error> {
+    let mut views = BTreeMap::new();
+    for (name, view) in file.iter() {
+        let mut short = name;
+        while let Some(rest) = PREFIXES
+            .iter()
+            .find_map(|prefix| short.strip_prefix(prefix))
+        {
+            short = rest;
+        }
+        if short.rsplit('.').next() == Some(COUNTER) {
+            continue;
+        }
+        if views.insert(short.to_owned(), view).is_some() {
+            let short = evidence(&short);
+            return Err(wrong(format!(
+                "tensor {short} is there twice, with and without a prefix ({})",
+                PREFIXES.join(", ")
+            )));
+        }
+    }
+    Ok(views)
+}
+
+/// Checks names, shapes and types, and names all that is wrong with them.
+fn check_tensors(graph: &Graph, views: &BTreeMap<String, TensorView<'_>>) -> Result<(), Error> {
+    let expected: BTreeMap<&str, &TensorSpec> = graph
+        .tensors
+        .iter()
+        .map(|tensor| (tensor.name.as_str(), tensor))
+        .collect();
+    let missing = graph.tensors.iter().map(|tensor| tensor.name.clone());
+    let missing: Vec<String> = missing.filter(|name| !views.contains_key(name)).collect();
+    let extra = views
+        .keys()
+        .filter(|name| !expected.contains_key(name.as_str()));
+    let extra: Vec<String> = extra.map(|name| evidence(name)).collect();
+    let differing = graph.tensors.iter().filter_map(|tensor| {
+        let view = views.get(&tensor.name)?;
+        let is_right = view.shape() == tensor.shape && TYPES.contains(&view.dtype());
+        (!is_right).then(|| {
+            let (dtype, shape) = (view.dtype(), view.shape());
+            let wanted = &tensor.shape;
+            evidence(&format!(
+                "{} is {dtype:?} {shape:?}, expected F32, F16 or BF16 {wanted:?}",
+                tensor.name
+            ))
+        })
+    });
+    let differing: Vec<String> = differing.collect();
+    let found: Vec<String> = [
+        ("missing", missing),
+        ("not expected", extra),
+        ("not as expected", differing),
+    ]
+    .into_iter()
+    .filter(|(_, names)| !names.is_empty())
+    .map(|(what, names)| format!("{} {what}: {}", tensors_text(names.len()), listed(&names)))
+    .collect();
+    if found.is_empty() {
+        return Ok(());
+    }
+    Err(wrong(found.join("; ")))
+}
+
+fn tensors_text(count: usize) -> String {
+    if count == 1 {
+        "1 tensor is".to_owned()
+    } else {
+        format!("{count} tensors are")
+    }
+}
+
+/// The first names, and how many there are besides.
+fn listed(names: &[String]) -> String {
+    let shown = names[..names.len().min(MAX_NAMED)].join(", ");
+    match names.len().saturating_sub(MAX_NAMED) {
+        0 => shown,
+        more => format!("{shown} and {more} more"),
+    }
+}
+
+/// The values of a tensor of one of the [`TYPES`].
+fn floats_of(view: &TensorView<'_>) -> Vec<f32> {
+    let data = view.data();
+    let halves = || data.chunks_exact(2).map(|raw| [raw[0], raw[1]]);
+    match view.dtype() {
+        Dtype::F16 => halves()
+            .map(|raw| half::f16::from_le_bytes(raw).to_f32())
+            .collect(),
+        Dtype::BF16 => halves()
+            .map(|raw| half::bf16::from_le_bytes(raw).to_f32())
+            .collect(),
+        _ => data
+            .chunks_exact(4)
+            .map(|raw| f32::from_le_bytes([raw[0], raw[1], raw[2], raw[3]]))
+            .collect(),
+    }
+}
+
+fn wrong(what: String) -> Error {
+    Error::Weights { what }
+}
+
 /// The architecture that the metadata of a weights file name.
 pub(super) fn architecture_of(metadata: &BTreeMap<String, String>) -> Result<Architecture, Error> {
-    let wrong = |what: String| Error::Weights { what };
-    let name = metadata
-        .get("architecture")
-        .ok_or_else(|| wrong("the metadata has no entry architecture".to_owned()))?;
+    let Some(name) = metadata.get("architecture") else {
+        return Err(missing_entries(metadata));
+    };
     Architecture::from_name(name).ok_or_else(|| {
         let known = Architecture::ALL.map(Architecture::name).join(" or ");
         wrong(format!(
@@ -233,6 +330,23 @@ pub(super) fn architecture_of(metadata: &BTreeMap<String, String>) -> Result<Arc
             evidence(name)
         ))
     })
+}
+
+/// Says which entries of the metadata are missing, and how to give them.
+pub(super) fn missing_entries(metadata: &BTreeMap<String, String>) -> Error {
+    let example = NetworkInfo::default().metadata();
+    let missing: Vec<&str> = example
+        .keys()
+        .filter(|key| !metadata.contains_key(*key))
+        .map(String::as_str)
+        .collect();
+    let example = serde_json::json!(example);
+    wrong(format!(
+        "the metadata has no {}. A file says what its network is for in its metadata, as text. From \
+         Python: safetensors.torch.save_file(tensors, file, metadata={example}), with the values of \
+         your network",
+        missing.join(", ")
+    ))
 }
 
 fn evidence(error: &dyn std::fmt::Display) -> String {
@@ -254,3 +368,6 @@ fn standard_normal(random: &mut ChaCha8Rng) -> f64 {
 fn narrow(value: f64) -> f32 {
     value as f32
 }
+
+#[cfg(test)]
+mod tests;

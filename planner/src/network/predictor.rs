@@ -10,7 +10,7 @@ use super::disc_ways::DiscWays;
 use super::engine::{Inference, Isa, Workspace};
 use super::graph::Architecture;
 use super::input::{Encoding, InputSize, Surroundings};
-use super::parameters::{Parameters, architecture_of};
+use super::parameters::{Parameters, architecture_of, missing_entries};
 use super::reach::Reach;
 use super::speed_limits;
 use crate::{Error, Plane};
@@ -109,11 +109,7 @@ impl NetworkInfo {
     /// # Errors
     /// [`Error::Weights`] names the entry that is missing or out of range.
     pub fn from_metadata(metadata: &BTreeMap<String, String>) -> Result<Self, Error> {
-        let text = |key: &str| {
-            metadata.get(key).ok_or_else(|| Error::Weights {
-                what: format!("the metadata has no entry {key}"),
-            })
-        };
+        let text = |key: &str| metadata.get(key).ok_or_else(|| missing_entries(metadata));
         let wrong = |key: &str, found: &str, expected: &str| Error::Weights {
             what: format!("{key} is {:?}, expected {expected}", clip(found)),
         };

@@ -3,7 +3,7 @@
 use std::error::Error;
 use std::path::{Path, PathBuf};
 
-use swath_bridge::{GridSpec, Pose2, goals, pgm};
+use swath_bridge::{GridSpec, Pose2, goals, map as maps};
 use swath_planner::Plane;
 
 /// Their names.
@@ -39,7 +39,7 @@ pub(crate) fn problems() -> Option<PathBuf> {
 /// Obstacles and goals of a problem.
 pub(crate) fn read(directory: &Path, name: &str) -> Result<(Plane, Vec<Pose2>), Box<dyn Error>> {
     let map = directory.join(format!("{name}.pgm"));
-    let occupancy = pgm::read_map(&map, &GridSpec::default())?;
+    let occupancy = maps::read_map(&map, &GridSpec::default())?;
     let goals = goals::read_poses(&map.with_extension("goals.txt"))?;
     Ok((Plane::from_occupancy(&occupancy, 50, false), goals))
 }

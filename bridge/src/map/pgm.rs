@@ -56,7 +56,10 @@ impl Parser<'_> {
             Some(b"P2") => false,
             found => {
                 let found = String::from_utf8_lossy(found.unwrap_or(self.bytes)).into_owned();
-                return Err(self.bad(0, &format!("found {found:?}, expected P5 or P2 (PGM)")));
+                return Err(self.bad(
+                    0,
+                    &format!("found {found:?}, expected a PGM picture (P5 or P2) or a PNG picture"),
+                ));
             }
         };
         self.offset = 2;
