@@ -2,6 +2,7 @@
 
 mod bench;
 mod bridge;
+mod config;
 mod demo;
 mod generate;
 mod plan;
@@ -13,6 +14,7 @@ use clap::{Args, Parser, Subcommand};
 
 pub(crate) use bench::{BenchOptions, ReportOptions};
 pub(crate) use bridge::{BridgeCommand, BridgeOptions, GridsOptions, ReplayOptions};
+pub(crate) use config::ConfigOptions;
 pub(crate) use demo::DemoOptions;
 pub(crate) use generate::GenerateOptions;
 pub(crate) use plan::PlanOptions;
@@ -87,4 +89,5 @@ pub(crate) enum Command {
     Bench(BenchOptions),
     Bridge(BridgeOptions),
     Report(ReportOptions),
+    Config(ConfigOptions),
 }

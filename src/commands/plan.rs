@@ -16,6 +16,7 @@ use crate::output::{self, Failure};
 
 pub(crate) mod node;
 mod picture;
+mod regions;
 
 /// Runs the command.
 pub(crate) fn run(
@@ -70,6 +71,9 @@ fn plan_once(
         goals: &goals,
         start: Start::default(),
     };
+    if let Some(path) = &options.regions {
+        regions::write(path, &input, network.as_ref(), &plan_config)?;
+    }
     let plan = FramePlanner::new(model).plan(&input, network.as_ref(), &plan_config)?;
 
     if let Some(path) = &options.json {
