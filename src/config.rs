@@ -56,21 +56,13 @@ impl Config {
         );
         let text = std::fs::read_to_string(path).with_context(context)?;
         let config: Self = toml::from_str(&text).with_context(context)?;
-        keys::check_text(&text).with_context(context)?;
-        config.validate().with_context(context)?;
+        keys::check(&config).with_context(context)?;
+        config.vehicle.validate().with_context(context)?;
+        config.grid.validate().with_context(context)?;
+        config.follow.validate().with_context(context)?;
+        config.ingest().validate().with_context(context)?;
+        config.generator().validate().with_context(context)?;
         Ok(config)
-    }
-
-    /// Checks that every value is in its range.
-    fn validate(&self) -> anyhow::Result<()> {
-        keys::check(self)?;
-        self.vehicle.validate()?;
-        self.grid.validate()?;
-        self.follow.validate()?;
-        self.train.validate()?;
-        self.ingest().validate()?;
-        self.generator().validate()?;
-        Ok(())
     }
 
     /// How logs become grids.
