@@ -101,34 +101,40 @@ fn the_readme_is_short() {
     assert!(bytes <= MOST_README_BYTES, "README.md has {bytes} bytes");
 }
 
+/// What is wrong with a link of a document, if anything is.
+fn fault_of_link(name: &str, target: &str) -> Option<String> {
+    if target.contains("://") {
+        return None;
+    }
+    let (file, heading) = target.split_once('#').unwrap_or((target, ""));
+    let folder = Path::new(name).parent().unwrap();
+    let path = if file.is_empty() {
+        PathBuf::from(name)
+    } else {
+        folder.join(file)
+    };
+    if !root().join(&path).exists() {
+        return Some(format!("{name} links to {target}: there is no such file"));
+    }
+    let is_there = heading.is_empty() || anchors(path.to_str().unwrap()).contains(heading);
+    (!is_there).then(|| format!("{name} links to {target}: there is no such heading"))
+}
+
 #[test]
 fn every_link_leads_somewhere() {
+    let (mut faults, mut count) = (Vec::new(), 0);
     for name in documents() {
         let text = read(&name);
         for part in parts(&text) {
             let Part::Line(line) = part else { continue };
             for target in links(line) {
-                if target.contains("://") {
-                    continue;
-                }
-                let (file, heading) = target.split_once('#').unwrap_or((target, ""));
-                let folder = Path::new(&name).parent().unwrap();
-                let path = if file.is_empty() {
-                    PathBuf::from(&name)
-                } else {
-                    folder.join(file)
-                };
-                assert!(root().join(&path).exists(), "{name} links to {target}");
-                if !heading.is_empty() {
-                    let known = anchors(path.to_str().unwrap());
-                    assert!(
-                        known.contains(heading),
-                        "{name} links to {target}: {known:?}"
-                    );
-                }
+                count += 1;
+                faults.extend(fault_of_link(&name, target));
             }
         }
     }
+    assert!(count > 30, "only {count} links were found");
+    assert_none(&faults);
 }
 
 /// Words of a command line as a shell would have them, up to a comment or another command.
@@ -203,10 +209,21 @@ fn swath() -> Command {
     Command::cargo_bin("swath").unwrap()
 }
 
-fn help(command: &[&str]) -> String {
+/// The help text of a command, if there is such a command.
+fn help(command: &[&str]) -> Option<String> {
     let output = swath().args(command).arg("--help").output().unwrap();
-    assert!(output.status.success(), "swath {command:?}");
-    String::from_utf8(output.stdout).unwrap()
+    let text = String::from_utf8(output.stdout).unwrap();
+    output.status.success().then_some(text)
+}
+
+/// Shows all faults at once.
+fn assert_none(faults: &[String]) {
+    assert!(
+        faults.is_empty(),
+        "{} faults:\n{}",
+        faults.len(),
+        faults.join("\n")
+    );
 }
 
 /// Names of the commands that a help text lists.
@@ -230,16 +247,17 @@ fn every_command_in_a_block_is_one_that_swath_understands() {
         "only {} commands were found",
         commands.len()
     );
+    let mut faults = Vec::new();
     for (name, command) in commands {
         // Help comes once everything before it was parsed.
         let output = swath().args(&command).arg("--help").output().unwrap();
-        let error = String::from_utf8_lossy(&output.stderr);
-        assert!(
-            output.status.success(),
-            "{name}: swath {}\n{error}",
-            command.join(" ")
-        );
+        if !output.status.success() {
+            let error = String::from_utf8_lossy(&output.stderr);
+            let error = error.lines().next().unwrap_or_default();
+            faults.push(format!("{name}: swath {}: {error}", command.join(" ")));
+        }
     }
+    assert_none(&faults);
 }
 
 #[test]
@@ -250,6 +268,7 @@ fn every_option_in_the_text_belongs_to_its_command() {
         "only {} commands were found",
         commands.len()
     );
+    let mut faults = Vec::new();
     for (name, command) in commands {
         let path: Vec<&str> = command.iter().map(String::as_str).collect();
         let path = match path[..] {
@@ -257,24 +276,31 @@ fn every_option_in_the_text_belongs_to_its_command() {
             [first, ..] if !first.starts_with('-') => vec![first],
             _ => Vec::new(),
         };
-        let help = help(&path);
+        let Some(help) = help(&path) else {
+            faults.push(format!(
+                "{name}: there is no command swath {}",
+                path.join(" ")
+            ));
+            continue;
+        };
         let options = command.iter().filter(|word| word.starts_with("--"));
         for option in options {
             let option = option.split('=').next().unwrap();
-            let is_there = help
-                .split(|c: char| c.is_whitespace() || c == ',')
-                .any(|word| word == option);
-            assert!(is_there, "{name}: swath {}: {option}", command.join(" "));
+            let mut shown = help.split(|c: char| c.is_whitespace() || c == ',');
+            if !shown.any(|word| word == option) {
+                faults.push(format!("{name}: swath {} has no {option}", path.join(" ")));
+            }
         }
     }
+    assert_none(&faults);
 }
 
 #[test]
 fn the_readme_lists_every_command() {
     let readme = read("README.md");
-    for command in listed(&help(&[])) {
+    for command in listed(&help(&[]).unwrap()) {
         if command == "bridge" {
-            for part in listed(&help(&["bridge"])) {
+            for part in listed(&help(&["bridge"]).unwrap()) {
                 assert!(
                     readme.contains(&format!("| `swath bridge {part}` |")),
                     "bridge {part}"
@@ -327,15 +353,13 @@ fn the_readme_lists_every_key() {
     });
     let keys: BTreeSet<String> = keys.collect();
     assert!(keys.len() > 10, "{keys:?}");
-    for key in &keys {
-        assert!(shown.contains(key), "README.md does not list {key}");
-    }
-    for key in &shown {
-        assert!(
-            keys.contains(key),
-            "README.md lists {key}, which there is not"
-        );
-    }
+    let missing = keys
+        .difference(&shown)
+        .map(|key| format!("README.md does not list {key}"));
+    let extra = shown
+        .difference(&keys)
+        .map(|key| format!("there is no key {key}, but README.md lists it"));
+    assert_none(&missing.chain(extra).collect::<Vec<_>>());
 }
 
 #[test]
