@@ -261,6 +261,34 @@ fn every_command_in_a_block_is_one_that_swath_understands() {
 }
 
 #[test]
+fn every_configuration_in_a_block_is_one_that_swath_takes() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("block.toml");
+    let (mut faults, mut count) = (Vec::new(), 0);
+    for name in documents() {
+        let text = read(&name);
+        for part in parts(&text) {
+            let Part::Block { language, text } = part else {
+                continue;
+            };
+            if language != "toml" {
+                continue;
+            }
+            count += 1;
+            std::fs::write(&path, text).unwrap();
+            let output = swath().arg("--config").arg(&path).arg("config").output();
+            let output = output.unwrap();
+            if !output.status.success() {
+                let error = String::from_utf8_lossy(&output.stderr);
+                faults.push(format!("{name}: {error}"));
+            }
+        }
+    }
+    assert!(count > 0, "no configuration was found");
+    assert_none(&faults);
+}
+
+#[test]
 fn every_option_in_the_text_belongs_to_its_command() {
     let commands = commands_in_lines();
     assert!(

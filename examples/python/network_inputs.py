@@ -39,16 +39,11 @@ UNREACHED = 65535
 # What lies behind the vehicle is blocked as far as this, metres.
 WALL_M = 1.2
 
-# The largest curvature at a speed, as the paper has it for its car: km/h and 1/m.
+# How the speed limits the curvature where the metadata do not say: the paper's car. Largest lateral
+# acceleration, m/s2, and rows of km/h:1/m.
+LATERAL_ACCELERATION_M_PER_S2 = "2"
 CURVATURE_BY_SPEED = (
-    (5.0, 0.2),
-    (10.0, 0.13437),
-    (20.0, 0.03939),
-    (30.0, 0.01922),
-    (40.0, 0.01155),
-    (50.0, 0.00778),
-    (60.0, 0.0056),
-    (70.0, 0.00429),
+    "5:0.2,10:0.13437,20:0.03939,30:0.01922,40:0.01155,50:0.00778,60:0.0056,70:0.00429"
 )
 
 
@@ -93,12 +88,17 @@ class NetworkInfo:
     ego_col: int
     resolution_m: float
     min_turning_radius_m: float
+    max_lateral_acceleration_m_per_s2: float
+    # Rows of km/h and 1/m.
+    curvature_by_speed: tuple
     half_width_m: float
     reference_dilation_m: float
     target_dilation_m: float
 
     @staticmethod
     def from_metadata(metadata):
+        acceleration = metadata.get("max_lateral_acceleration_m_per_s2", LATERAL_ACCELERATION_M_PER_S2)
+        rows = metadata.get("curvature_by_speed", CURVATURE_BY_SPEED).split(",")
         return NetworkInfo(
             architecture=metadata["architecture"],
             half_size=metadata["size"] == "half",
@@ -108,6 +108,8 @@ class NetworkInfo:
             ego_col=int(metadata["ego_col"]),
             resolution_m=float(metadata["resolution_m"]),
             min_turning_radius_m=float(metadata["min_turning_radius_m"]),
+            max_lateral_acceleration_m_per_s2=float(acceleration),
+            curvature_by_speed=tuple(tuple(map(float, row.split(":"))) for row in rows if row),
             half_width_m=float(metadata["half_width_m"]),
             reference_dilation_m=float(metadata["reference_dilation_m"]),
             target_dilation_m=float(metadata["target_dilation_m"]),
@@ -137,10 +139,14 @@ class NetworkInfo:
 
 
 def turning_radius_m(info, speed_m_per_s):
-    """The smallest turning radius at a speed: the vehicle's, or that of the speed's curvature."""
-    speeds, curvatures = zip(*CURVATURE_BY_SPEED)
-    curvature_per_m = numpy.interp(abs(speed_m_per_s) * 3.6, speeds, curvatures)
-    return max(info.min_turning_radius_m, 1.0 / curvature_per_m)
+    """The smallest turning radius at a speed: the vehicle's, or one that the speed allows."""
+    radius_m = info.min_turning_radius_m
+    radius_m = max(radius_m, speed_m_per_s**2 / info.max_lateral_acceleration_m_per_s2)
+    if info.curvature_by_speed:
+        speeds, curvatures = zip(*info.curvature_by_speed)
+        # Interpolated; outside the table it is that of the nearest row.
+        radius_m = max(radius_m, 1.0 / numpy.interp(abs(speed_m_per_s) * 3.6, speeds, curvatures))
+    return radius_m
 
 
 # Planes

@@ -46,24 +46,21 @@ pub(crate) fn toml_of(config: &Config) -> anyhow::Result<String> {
             continue;
         }
         comment(&mut text, &sentence(&key));
-        let name = key.name();
-        match (value, default) {
-            (Some(value), Some(default)) if value == default => {
-                writeln!(text, "{name} = {}", inline(value))?;
-            }
-            (Some(value), Some(default)) => {
-                writeln!(
-                    text,
-                    "{name} = {} # default: {}",
-                    inline(value),
-                    inline(default)
-                )?;
-            }
-            (Some(value), None) => {
-                writeln!(text, "{name} = {} # default: none", inline(value))?;
-            }
-            (None, _) => writeln!(text, "# {name} = {}", key.example.unwrap_or_default())?,
+        let Some(value) = value else {
+            writeln!(
+                text,
+                "# {} = {}",
+                key.name(),
+                key.example.unwrap_or_default()
+            )?;
+            continue;
+        };
+        write!(text, "{} = {}", key.name(), lines_of(value))?;
+        if default != Some(value) {
+            let default = default.map_or_else(|| "none".to_owned(), inline);
+            write!(text, " # default: {default}")?;
         }
+        text.push('\n');
     }
     Ok(text)
 }
@@ -121,6 +118,20 @@ fn comment(text: &mut String, says: &str) {
     }
     text.push_str(&line);
     text.push('\n');
+}
+
+/// A value as it is set in a file: a list of tables has a line for each.
+fn lines_of(value: &Value) -> String {
+    match value {
+        Value::Array(rows) if rows.iter().any(Value::is_table) => {
+            let rows: Vec<String> = rows
+                .iter()
+                .map(|row| format!("    {},\n", inline(row)))
+                .collect();
+            format!("[\n{}]", rows.concat())
+        }
+        other => inline(other),
+    }
 }
 
 /// A value on one line.

@@ -148,6 +148,7 @@ fn by_crates(config: &Config) -> anyhow::Result<()> {
 fn what_the_table_allows_the_crates_take() {
     // Limits of these depend on other keys.
     let coupled = [
+        "vehicle.min_turning_radius_m",
         "targets.nearest_m",
         "targets.farthest_m",
         "ingest.min_height_m",
@@ -186,6 +187,30 @@ fn changed_values_are_shown_beside_their_defaults() {
     let text = toml_of(&config).unwrap();
     assert!(text.contains("epsilon = 1.5 # default: 1.2\n"), "{text}");
     assert_eq!(parsed(&text), config);
+}
+
+#[test]
+fn any_value_stays_on_one_line_and_reads_back() {
+    for text in [
+        "rows = [{ speed_km_per_h = 5.0, curvature_per_m = 0.2 }, { speed_km_per_h = 9.0 }]",
+        "names = [\"a\", \"it's\"]",
+        "single = 0.10000000149011612",
+        "deep = [[1, 2], [3.5, -4.0]]",
+    ] {
+        let value: Value = toml::from_str(text).unwrap();
+        for (name, value) in value.as_table().unwrap() {
+            let line = format!("{name} = {}", inline(value));
+            assert!(!line.contains('\n'), "{line}");
+            for text in [line, format!("{name} = {}", lines_of(value))] {
+                let again: Value = toml::from_str(&text).unwrap();
+                if name != "single" {
+                    assert_eq!(again.get(name), Some(value), "{text}");
+                }
+            }
+        }
+    }
+    assert_eq!(inline(&Value::Float(f64::from(0.1_f32))), "0.1");
+    assert_eq!(inline(&Value::Float(2.5e-3)), "0.0025");
 }
 
 #[test]
