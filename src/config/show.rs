@@ -97,11 +97,11 @@ pub(crate) fn page() -> anyhow::Result<String> {
 
 /// What a key says, with its unit and its range.
 fn sentence(key: &Key) -> String {
-    let mut text = key.says.to_owned();
-    if !key.unit.is_empty() {
-        text += &format!(" Unit: {}.", key.unit);
+    let (says, range) = (key.says, key.range);
+    match key.unit {
+        "" => format!("{says} Range: {range}."),
+        unit => format!("{says} Unit: {unit}. Range: {range}."),
     }
-    format!("{text} Range: {}.", key.range)
 }
 
 /// Adds a comment, broken into lines between words.
