@@ -2,6 +2,7 @@
 
 mod bench;
 mod bridge;
+mod config;
 mod demo;
 mod generate;
 mod log;
@@ -17,6 +18,7 @@ pub(crate) use bench::{BenchOptions, ReportOptions};
 pub(crate) use bridge::{
     BridgeCommand, BridgeOptions, GridsOptions, PicturesOptions, ReplayOptions,
 };
+pub(crate) use config::ConfigOptions;
 pub(crate) use demo::DemoOptions;
 pub(crate) use generate::GenerateOptions;
 pub(crate) use log::LogOptions;
@@ -98,4 +100,5 @@ pub(crate) enum Command {
     Bench(BenchOptions),
     Bridge(BridgeOptions),
     Report(ReportOptions),
+    Config(ConfigOptions),
 }

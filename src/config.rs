@@ -1,6 +1,8 @@
 //! One configuration file for all nodes, so that they agree on vehicle and grid.
 
 mod place;
+pub(crate) mod keys;
+pub(crate) mod show;
 
 use std::path::Path;
 
@@ -56,6 +58,7 @@ impl Config {
         let text = std::fs::read_to_string(path).with_context(context)?;
         let config: Self = toml::from_str(&text).with_context(context)?;
         config.validate(&text).with_context(context)?;
+        keys::check(&config).with_context(context)?;
         Ok(config)
     }
 

@@ -40,5 +40,6 @@ fn run(cli: &Cli) -> Result<(), Failure> {
         Command::Bench(options) => commands::bench::run(options, &config),
         Command::Bridge(options) => commands::bridge::run(&options.command, network, &config),
         Command::Report(options) => commands::report::run(options),
+        Command::Config(options) => commands::config::run(options, &config),
     }
 }

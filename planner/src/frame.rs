@@ -88,6 +88,32 @@ pub struct FrameInput<'a> {
     pub start: Start,
 }
 
+impl FrameInput<'_> {
+    /// The probability of each cell to lie in the region of the path to each goal, as the methods that
+    /// plan in regions see it: those cells are in the region whose probability is above 0.5.
+    ///
+    /// # Shapes
+    /// One vector for each goal, row-major over all cells of the grid.
+    ///
+    /// # Errors
+    /// [`Error::GridMismatch`] where the network was trained for another grid, [`Error::Shape`] where
+    /// the obstacles are not of the grid's size.
+    pub fn region_probabilities(
+        &self,
+        network: &Network,
+        speed_m_per_s: f64,
+    ) -> Result<Vec<Vec<f32>>, Error> {
+        let view = View::new(self);
+        let reference = reference_plane(&self.spec, &view.reference, network)?;
+        let surroundings = Surroundings {
+            obstacles: &view.obstacles,
+            reference: &reference,
+            speed_m_per_s,
+        };
+        network.probabilities(&surroundings, &view.goals)
+    }
+}
+
 /// Where paths begin, and how.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Start {
@@ -365,19 +391,29 @@ fn predict(
     network: &Network,
     speed_m_per_s: f64,
 ) -> Result<Vec<Prediction>, Error> {
-    let (spec, info) = (*seen.map.spec(), network.info());
-    if info.spec != spec {
-        return Err(Error::GridMismatch {
-            got: spec,
-            wanted: info.spec,
-        });
-    }
-    let mut reference = Plane::empty(spec.rows, spec.cols);
-    reference.draw_line(&spec, &seen.view.reference, info.reference_dilation_m);
+    let reference = reference_plane(seen.map.spec(), &seen.view.reference, network)?;
     let surroundings = Surroundings {
         obstacles: &seen.view.obstacles,
         reference: &reference,
         speed_m_per_s,
     };
     network.predict(&surroundings, goals)
+}
+
+/// The reference as the network expects it.
+fn reference_plane(
+    spec: &GridSpec,
+    reference: &[Pose2],
+    network: &Network,
+) -> Result<Plane, Error> {
+    let info = network.info();
+    if info.spec != *spec {
+        return Err(Error::GridMismatch {
+            got: *spec,
+            wanted: info.spec,
+        });
+    }
+    let mut plane = Plane::empty(spec.rows, spec.cols);
+    plane.draw_line(spec, reference, info.reference_dilation_m);
+    Ok(plane)
 }

@@ -68,6 +68,10 @@ pub(crate) struct PlanOptions {
     /// Write the plans as JSON to a file, or to standard output for -
     #[arg(long, value_name = "FILE", requires = "map")]
     pub(crate) json: Option<PathBuf>,
+    /// Write the probability of each cell to lie in each target's region, as a numpy array of targets x
+    /// rows x cols; for a method that uses a network
+    #[arg(long, value_name = "FILE.npy", requires = "map")]
+    pub(crate) regions: Option<PathBuf>,
     /// Draw map, regions and paths into a .png or .svg file; with --start as the map's picture lies,
     /// else with the vehicle heading up
     #[arg(long, value_parser = parse_picture, value_name = "FILE", requires = "map")]

@@ -21,6 +21,7 @@ use place::Place;
 pub(crate) mod node;
 mod picture;
 mod place;
+mod regions;
 
 /// Runs the command.
 pub(crate) fn run(
@@ -91,6 +92,16 @@ fn plan_once(
     let around = place.grid_around(&goals, network.as_ref())?;
     if let Some(network) = &network {
         warn_of_misfit(network, &around, config);
+    }
+    if let Some(path) = &options.regions {
+        if place.is_around {
+            return Err(anyhow::anyhow!(
+                "{}: --regions are those of a map in the vehicle's frame, without --start and unturned",
+                path.display()
+            )
+            .into());
+        }
+        regions::write(path, &input, network.as_ref(), &plan_config)?;
     }
     let planner = FramePlanner::new(model);
     let plan = planner.plan_on(&input, &around, network.as_ref(), &plan_config)?;

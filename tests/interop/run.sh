@@ -40,6 +40,19 @@ mkdir "$scratch/logits"
 "$target/release/examples/logits" trainer/weights/enet-shared-half.safetensors "$scratch/logits"
 "$python" "$here/compare_onnx.py" "$scratch/network.onnx" "$scratch/logits"
 
+# The example makes the network's inputs by itself, from a picture and from a recording.
+for seed in 1 2 3; do
+    scene=$scratch/scene-$seed
+    mkdir "$scene"
+    "$python" "$here/scene.py" "$scene" "$seed"
+    # Regions come before the searches, which may solve nothing in so little time.
+    "$swath" plan --map "$scene/map.pgm" --goals "$scene/goals.txt" --reference "$scene/reference.txt" \
+        --method tiev-fcn --time-limit-ms 100 --regions "$scene/regions.npy" >/dev/null || test $? = 4
+    regions=("$python" examples/python/onnx_regions.py "$scratch/network.onnx" --expect "$scene/regions.npy")
+    "${regions[@]}" --map "$scene/map.pgm" --goals "$scene/goals.txt" --reference "$scene/reference.txt" | tail -n 1
+    "${regions[@]}" --recording "$scene/frame.mcap" --vehicle car-1 | tail -n 1
+done
+
 port=$("$python" -c 'import socket; s = socket.socket(); s.bind(("127.0.0.1", 0)); print(s.getsockname()[1])')
 "$swath" --listen "tcp/127.0.0.1:$port" plan --vehicle interop >"$scratch/planner.log" 2>&1 &
 planner=$!

@@ -143,7 +143,7 @@ impl TrainConfig {
             (
                 "loss.path_weight",
                 f64::from(self.loss.path_weight),
-                0.01,
+                f64::from(0.01_f32),
                 100.0,
             ),
             (
