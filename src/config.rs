@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 use swath_bridge::ingest::IngestConfig;
 use swath_bridge::{GridSpec, Vehicle};
 use swath_generator::GeneratorConfig;
-use swath_planner::node::FollowConfig;
+use swath_planner::node::{FollowConfig, FramesConfig};
 use swath_planner::{ObstacleConfig, PlanConfig, TargetConfig};
 use swath_trainer::TrainConfig;
 
@@ -30,6 +30,8 @@ pub(crate) struct Config {
     pub(crate) plan: PlanConfig,
     /// How a planner node chooses and keeps up a path.
     pub(crate) follow: FollowConfig,
+    /// How a planner node tells coordinate frames apart.
+    pub(crate) frames: FramesConfig,
     /// How networks are trained; what the command line says comes first.
     pub(crate) train: TrainConfig,
     /// How logs become grids; vehicle and grid are those above.
@@ -56,6 +58,7 @@ impl Config {
         config.vehicle.validate().with_context(context)?;
         config.grid.validate().with_context(context)?;
         config.follow.validate().with_context(context)?;
+        config.frames.validate().with_context(context)?;
         config.ingest().validate().with_context(context)?;
         config.generator().validate().with_context(context)?;
         Ok(config)

@@ -106,6 +106,75 @@ pub(super) fn planners(tables: &Tables) -> Result<Vec<PlannerHealth>, Error> {
         .collect())
 }
 
+/// Reports of empty paths of one vehicle, for one reason.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(crate) struct StopCount {
+    /// Vehicle.
+    pub(crate) vehicle: String,
+    /// Reason, as the planner names it.
+    pub(crate) reason: String,
+    /// Reports.
+    pub(crate) reports: u64,
+    /// The evidence in the newest of them.
+    pub(crate) newest_detail: String,
+}
+
+/// Reasons of empty paths, ordered by vehicle and reason.
+pub(super) fn stops(tables: &Tables) -> Result<Vec<StopCount>, Error> {
+    let vehicles = names(&tables.stops, "vehicle", TABLE)?;
+    let reasons = names(&tables.stops, "reason", TABLE)?;
+    let details = names(&tables.stops, "detail", TABLE)?;
+    let mut stops: BTreeMap<(String, String), StopCount> = BTreeMap::new();
+    for ((vehicle, reason), detail) in vehicles.into_iter().zip(reasons).zip(details) {
+        let count = stops
+            .entry((vehicle.clone(), reason.clone()))
+            .or_insert_with(|| StopCount {
+                vehicle,
+                reason,
+                reports: 0,
+                newest_detail: String::new(),
+            });
+        count.reports += 1;
+        count.newest_detail = detail;
+    }
+    Ok(stops.into_values().collect())
+}
+
+/// Messages of one topic that a vehicle's planner could not use for one cause, over all recordings.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(crate) struct RejectionCount {
+    /// Vehicle.
+    pub(crate) vehicle: String,
+    /// Topic, without the vehicle's part.
+    pub(crate) topic: String,
+    /// Cause, as the planner names it.
+    pub(crate) cause: String,
+    /// Messages.
+    pub(crate) messages: u64,
+}
+
+/// Messages that could not be used, ordered by vehicle, topic and cause.
+pub(super) fn rejections(tables: &Tables) -> Result<Vec<RejectionCount>, Error> {
+    let vehicles = names(&tables.rejections, "vehicle", TABLE)?;
+    let topics = names(&tables.rejections, "topic", TABLE)?;
+    let causes = names(&tables.rejections, "cause", TABLE)?;
+    let messages = counts(&tables.rejections, "messages", TABLE)?;
+    let mut summed: BTreeMap<(String, String, String), u64> = BTreeMap::new();
+    for (row, vehicle) in vehicles.into_iter().enumerate() {
+        let key = (vehicle, topics[row].clone(), causes[row].clone());
+        let sum = summed.entry(key).or_default();
+        *sum = sum.saturating_add(messages[row]);
+    }
+    let summed = summed.into_iter();
+    let counts = summed.map(|((vehicle, topic, cause), messages)| RejectionCount {
+        vehicle,
+        topic,
+        cause,
+        messages,
+    });
+    Ok(counts.collect())
+}
+
 /// Grids by vehicle.
 fn grids(tables: &Tables) -> Result<BTreeMap<String, u64>, Error> {
     let topics = names(&tables.topics, "topic", TABLE)?;

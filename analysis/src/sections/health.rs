@@ -6,7 +6,8 @@ use super::Section;
 use crate::format::{NOTHING, count, median, optional, percent, share};
 use crate::grid::Grid;
 use crate::health::{
-    Health, OutcomeCount, PlannerHealth, SampleHealth, TrainerHealth, WeightsHealth,
+    Health, OutcomeCount, PlannerHealth, RejectionCount, SampleHealth, StopCount, TrainerHealth,
+    WeightsHealth,
 };
 use crate::spread::Spread;
 
@@ -17,6 +18,8 @@ pub(crate) fn section(health: &Health, drawn: &[String]) -> Section {
     trainers(&mut section, &health.trainers);
     weights(&mut section, &health.weights, drawn);
     planners(&mut section, &health.planners, drawn);
+    stops(&mut section, &health.stops);
+    rejections(&mut section, &health.rejections);
     let known = swath_bridge::Outcome::ALL.map(swath_bridge::Outcome::name);
     section.heading("Outcomes");
     if health.outcomes.is_empty() {
@@ -188,6 +191,42 @@ fn planners(section: &mut Section, planners: &[PlannerHealth], drawn: &[String])
     }
     section.table(&grid);
     section.plot(drawn, "latency.svg", "Latency of plans");
+}
+
+fn stops(section: &mut Section, stops: &[StopCount]) {
+    section.heading("Stops");
+    if stops.is_empty() {
+        section.paragraph("No planner said that its path was empty.");
+        return;
+    }
+    let mut grid = Grid::new(["vehicle", "reason", "reports", "the newest of them says"]);
+    for stop in stops {
+        grid.row([
+            stop.vehicle.clone(),
+            stop.reason.clone(),
+            count(stop.reports),
+            stop.newest_detail.clone(),
+        ]);
+    }
+    section.table(&grid);
+}
+
+fn rejections(section: &mut Section, rejections: &[RejectionCount]) {
+    section.heading("Messages that planners could not use");
+    if rejections.is_empty() {
+        section.paragraph("There were none.");
+        return;
+    }
+    let mut grid = Grid::new(["vehicle", "topic", "cause", "messages"]);
+    for rejection in rejections {
+        grid.row([
+            rejection.vehicle.clone(),
+            rejection.topic.clone(),
+            rejection.cause.clone(),
+            count(rejection.messages),
+        ]);
+    }
+    section.table(&grid);
 }
 
 /// Counts by method, a column for each name: those that are known first, as far as there are any.

@@ -6,7 +6,7 @@ use std::sync::Arc;
 use super::channel::{CDR, Channel};
 use crate::Error;
 use crate::cdr;
-use crate::msg::Message;
+use crate::msg::{Message, schema_of};
 
 /// A message of a recording, still encoded.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -49,8 +49,33 @@ impl RawMessage {
                 self.channel.encoding
             )));
         }
-        cdr::from_slice(&self.payload)
-            .map_err(|error| self.bad(&format!("not a {}: {error}", M::TYPE_NAME)))
+        cdr::from_slice(&self.payload).map_err(|error| {
+            let what = format!("not a {}: {error}", M::TYPE_NAME);
+            match self.other_definition(M::TYPE_NAME) {
+                Some(difference) => self.bad(&format!(
+                    "{what}; the recording was made with another definition of it ({difference}): read \
+                     it with the version of swath that wrote it"
+                )),
+                None => self.bad(&what),
+            }
+        })
+    }
+
+    /// How the recording's definition of a type differs from the one that is decoded here, if it does.
+    fn other_definition(&self, type_name: &str) -> Option<String> {
+        let recorded = std::str::from_utf8(&self.channel.schema).ok()?;
+        let known = schema_of(type_name)?;
+        let (recorded, known) = (fields_of(recorded), fields_of(&known));
+        if recorded.is_empty() || recorded == known {
+            return None;
+        }
+        let lacks = known.iter().find(|field| !recorded.contains(field));
+        let has = recorded.iter().find(|field| !known.contains(field));
+        Some(match (lacks, has) {
+            (Some(field), _) => format!("it lacks {field:?}"),
+            (None, Some(field)) => format!("it has {field:?}"),
+            (None, None) => "its fields have another order".to_owned(),
+        })
     }
 
     fn bad(&self, what: &str) -> Error {
@@ -60,6 +85,17 @@ impl RawMessage {
             what: format!("{}: {what}", self.topic),
         }
     }
+}
+
+/// The fields of all types of a schema, without comments, constants and spaces that do not matter.
+fn fields_of(schema: &str) -> Vec<String> {
+    let lines = schema
+        .lines()
+        .filter_map(|line| line.split('#').next())
+        .filter(|line| !line.contains('=') && !line.trim().is_empty());
+    lines
+        .map(|line| line.split_whitespace().collect::<Vec<_>>().join(" "))
+        .collect()
 }
 
 /// A message, but for the place where it was found.

@@ -21,7 +21,20 @@ pub(super) fn run(
     network: &NetworkOptions,
     config: &Config,
 ) -> Result<(), Failure> {
-    let initial = network_of(options, config)?.map(|network| ServedNetwork {
+    let network_used = network_of(options, config)?;
+    // One that was asked for by name is not put aside in silence.
+    if let (Some(path), Some(network)) = (&options.weights, &network_used) {
+        let wanted = network.info().spec;
+        if wanted != config.grid {
+            return Err(anyhow::Error::new(swath_planner::Error::GridMismatch {
+                got: config.grid,
+                wanted,
+            })
+            .context(path.display().to_string())
+            .into());
+        }
+    }
+    let initial = network_used.map(|network| ServedNetwork {
         network,
         run: String::new(),
         version: 0,
@@ -32,7 +45,7 @@ pub(super) fn run(
     bar.set_message(format!("waits for grids of {}", options.vehicle));
     let summary = with_session(network, async |session| {
         let observe = |report: &PlanReport| {
-            bar.inc(1);
+            bar.inc(u64::from(report.frame > 0));
             bar.set_message(describe(report));
         };
         node::run(&session, node_config, initial, stop_signal(), observe)
@@ -46,6 +59,14 @@ pub(super) fn run(
         summary.weights,
         summary.rejected
     );
+    for rejection in &summary.rejections {
+        tracing::info!(
+            "not used: {} messages on {}: {}",
+            rejection.messages,
+            rejection.topic,
+            rejection.cause
+        );
+    }
     Ok(())
 }
 
@@ -62,13 +83,17 @@ fn node_config(options: &PlanOptions, config: &Config) -> NodeConfig {
         targets: config.targets,
         plan,
         follow: config.follow,
+        frames: config.frames.clone(),
         run: "*".to_owned(),
         trusted: Vec::new(),
     }
 }
 
-/// One line about a planned frame.
+/// One line about a planned frame, or why there is none.
 pub(crate) fn describe(report: &PlanReport) -> String {
+    if report.frame == 0 {
+        return format!("stop: {}", why(report));
+    }
     let solved = report
         .targets
         .iter()
@@ -83,10 +108,18 @@ pub(crate) fn describe(report: &PlanReport) -> String {
         solved.count(),
         report.targets.len(),
         match report.chosen {
-            -1 => "stop".to_owned(),
+            -1 => format!("stop: {}", report.reason),
             number => format!("to number {number}"),
         },
         report.network_ms,
         report.search_ms,
     )
+}
+
+/// Why a path is empty, with the evidence.
+fn why(report: &PlanReport) -> String {
+    if report.detail.is_empty() {
+        return report.reason.clone();
+    }
+    format!("{}: {}", report.reason, report.detail)
 }
