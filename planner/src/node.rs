@@ -139,6 +139,8 @@ async fn serve(
         let report = tokio::select! {
             biased;
             () = &mut stop => return Ok(()),
+            // Before all that is heard, so that no flood of messages keeps a path alive.
+            () = passed(node.expires) => Some(node.withdraw(node.silence()).await?),
             Some(weights) = node.inputs.weights.recv() => {
                 node.take_weights(weights).await;
                 None
@@ -155,8 +157,9 @@ async fn serve(
                 node.take_odom(&odom.message);
                 None
             }
-            () = passed(node.expires) => Some(node.withdraw(node.silence()).await?),
-            () = passed(Some(node.says)) => Some(node.withdraw(node.silence()).await?),
+            () = passed(Some(node.says)), if node.planning.is_none() => {
+                Some(node.withdraw(node.silence()).await?)
+            }
             Some(path) = node.inputs.reference.recv() => {
                 node.take_reference(&path.message);
                 None
@@ -168,8 +171,8 @@ async fn serve(
             Some(planned) = finished(&mut node.planning) => node.publish(planned).await?,
             Some(grid) = node.inputs.grid.recv(), if node.planning.is_none() => {
                 match node.start(grid) {
-                    Err(Some(refused)) => Some(node.refuse(refused).await?),
-                    Ok(()) | Err(None) => None,
+                    Some(refused) => Some(node.refuse(refused).await?),
+                    None => None,
                 }
             }
             else => return Ok(()),
@@ -287,17 +290,18 @@ impl Node {
     }
 
     fn summary(&self) -> NodeSummary {
+        let rejections = self.rejections();
         NodeSummary {
             frames: self.planned_frames,
             weights: self.used_weights,
-            rejected: self.rejects.messages(),
-            rejections: self.rejections(),
+            rejected: rejections.iter().map(|one| one.messages).sum(),
+            rejections,
         }
     }
 
-    /// Starts to plan on a grid with what is known now; else says why not, unless the path that is
-    /// followed stays.
-    fn start(&mut self, grid: Received<OccupancyGrid>) -> Result<(), Option<Refused>> {
+    /// Starts to plan on a grid with what is known now. If it cannot be planned on, gives it back with the
+    /// reason, unless the path that is followed stays.
+    fn start(&mut self, grid: Received<OccupancyGrid>) -> Option<Refused> {
         let now = Instant::now();
         self.newest_grid = Some(now);
         self.says = now + SAY_PERIOD.max(Duration::from_secs_f64(self.config.follow.expires_s));
@@ -307,7 +311,7 @@ impl Node {
                 self.newest_refusal = Some(stop.to_string());
                 // One that is damaged says nothing of the world; the path lasts until it expires.
                 let stays = stop.reason == StopReason::BadInput && self.expires.is_some();
-                return Err((!stays).then_some(Refused { grid, stop }));
+                return (!stays).then_some(Refused { grid, stop });
             }
         };
         self.newest_refusal = None;
@@ -355,7 +359,7 @@ impl Node {
                 speed_m_per_s: job.plan.speed_m_per_s,
             }
         }));
-        Ok(())
+        None
     }
 }
 

@@ -197,8 +197,11 @@ impl Node {
     pub(super) fn seen_from_vehicle(&mut self, grid: &OccupancyGrid) -> Result<Seen, Stop> {
         let at_nanos = grid.header.stamp.nanos();
         let moment = self.follower.moment_at(at_nanos);
-        let at = (at_nanos, moment.as_ref());
-        let vehicle_from_frame = self.vehicle_from("grid", &grid.header.frame_id, at)?;
+        let seer = Seer {
+            at_nanos,
+            moment: moment.as_ref(),
+        };
+        let vehicle_from_frame = self.vehicle_from("grid", &grid.header.frame_id, seer)?;
         let occupancy = Occupancy::from_message_in(grid, &self.config.grid, &vehicle_from_frame);
         let occupancy = occupancy.map_err(|error| {
             let cause = match &error {
@@ -208,53 +211,58 @@ impl Node {
             self.reject("grid", cause, &error);
             Stop::new(StopReason::BadInput, format!("grid: {error}"))
         })?;
+        let (reference, targets) = (self.reference.clone(), self.targets.clone());
         Ok(Seen {
             vehicle_from_frame,
             occupancy,
-            reference: self.given_from_vehicle("reference", at)?,
-            targets: self.given_from_vehicle("targets", at)?,
+            reference: self.given_from_vehicle("reference", reference, seer)?,
+            targets: self.given_from_vehicle("targets", targets, seer)?,
         })
     }
 
     fn given_from_vehicle(
         &mut self,
         topic: &'static str,
-        at: (u64, Option<&Moment>),
+        given: Given,
+        seer: Seer<'_>,
     ) -> Result<Vec<Pose2>, Stop> {
-        let given = if topic == "targets" {
-            &self.targets
-        } else {
-            &self.reference
-        };
         if let Some(fault) = given.fault {
             return Err(Stop::new(StopReason::BadInput, format!("{topic}: {fault}")));
         }
         if given.poses.is_empty() {
             return Ok(Vec::new());
         }
-        let (frame, poses) = (given.frame.clone(), given.poses.clone());
-        let vehicle_from_frame = self.vehicle_from(topic, &frame, at)?;
+        let vehicle_from_frame = self.vehicle_from(topic, &given.frame, seer)?;
         if vehicle_from_frame == Pose2::default() {
-            return Ok(poses);
+            return Ok(given.poses);
         }
-        let seen = poses.iter().map(|pose| vehicle_from_frame.then(pose));
+        let seen = given.poses.iter().map(|pose| vehicle_from_frame.then(pose));
         Ok(seen.collect())
     }
 
-    /// Where a frame is in the vehicle's, given where the vehicle was at a time.
+    /// Where a frame is in the vehicle's.
     fn vehicle_from(
         &mut self,
         topic: &'static str,
         frame: &str,
-        (at_nanos, moment): (u64, Option<&Moment>),
+        seer: Seer<'_>,
     ) -> Result<Pose2, Stop> {
-        let found = self.frames.vehicle_from(frame, at_nanos, moment);
+        let found = self.frames.vehicle_from(frame, seer.at_nanos, seer.moment);
         found.map_err(|error| {
             let stop = Stop::not_seen(topic, &error);
             self.reject(topic, stop.reason.name(), &error);
             stop
         })
     }
+}
+
+/// The vehicle at the time of a grid.
+#[derive(Debug, Clone, Copy)]
+struct Seer<'a> {
+    /// Nanoseconds since the Unix epoch; 0 asks for the newest.
+    at_nanos: u64,
+    /// Where it was, if odometry says.
+    moment: Option<&'a Moment>,
 }
 
 /// Poses of a message on a topic, as many as are used.

@@ -118,3 +118,103 @@ pub(super) fn stop_of(plan: &FramePlan, asked: Asked) -> Stop {
         ),
     )
 }
+
+#[cfg(test)]
+mod tests {
+    use std::time::Duration;
+
+    use swath_bridge::Pose2;
+
+    use super::*;
+    use crate::frame::{Consulted, Start};
+    use crate::plan::TargetPlan;
+    use crate::search::TargetResult;
+    use crate::smooth::{Drivability, DrivablePath};
+
+    /// A target, and whether its path was made drivable, if it was tried.
+    fn target(outcome: Outcome, drivability: Option<Drivability>) -> TargetPlan {
+        TargetPlan {
+            goal: Pose2::default(),
+            result: TargetResult::without_path(outcome, 1),
+            cpu: Duration::ZERO,
+            drivable: drivability.map(|drivability| DrivablePath {
+                points: Vec::new(),
+                drivability,
+                shortfall: None,
+                iterations: 0,
+            }),
+        }
+    }
+
+    fn stop(targets: Vec<TargetPlan>, smooth: bool) -> Stop {
+        let plan = FramePlan {
+            targets,
+            start: Start::default(),
+            regions: Vec::new(),
+            reach: Vec::new(),
+            consulted: Consulted::Without,
+            network: Duration::ZERO,
+            search: Duration::ZERO,
+            cpu: Duration::ZERO,
+            total: Duration::ZERO,
+            smooth: Duration::ZERO,
+            deadline: Duration::ZERO,
+        };
+        let has_reference = false;
+        stop_of(
+            &plan,
+            Asked {
+                has_reference,
+                smooth,
+            },
+        )
+    }
+
+    #[test]
+    fn each_way_of_having_no_path_has_its_reason() {
+        use Drivability::{Slower, TurnsOnTheSpot};
+        use Outcome::{BudgetExhausted, GoalOccupied, Solved, StartOccupied, Unreachable};
+        for (targets, reason, said) in [
+            (vec![], StopReason::NoTargets, "neither has come"),
+            (
+                vec![target(StartOccupied, None), target(StartOccupied, None)],
+                StopReason::StartOccupied,
+                "footprint",
+            ),
+            (
+                vec![
+                    target(Unreachable, None),
+                    target(GoalOccupied, None),
+                    target(Unreachable, None),
+                ],
+                StopReason::Blocked,
+                "none of 3 targets reached (2 unreachable, 1 goal_occupied)",
+            ),
+            (
+                vec![target(Unreachable, None), target(BudgetExhausted, None)],
+                StopReason::NoTime,
+                "1 budget_exhausted",
+            ),
+            (
+                vec![target(Solved, None), target(Solved, Some(Slower))],
+                StopReason::NoTime,
+                "2 of 2 targets reached, but 1 of",
+            ),
+            (
+                vec![
+                    target(Solved, Some(TurnsOnTheSpot)),
+                    target(Unreachable, None),
+                ],
+                StopReason::NotDrivable,
+                "1 of 2 targets reached",
+            ),
+        ] {
+            let stop = stop(targets, true);
+            assert_eq!(stop.reason, reason);
+            assert!(stop.detail.contains(said), "{}", stop.detail);
+        }
+        let off = stop(vec![target(Solved, None)], false);
+        assert_eq!(off.reason, StopReason::NotDrivable);
+        assert!(off.detail.contains("plan.smooth is off"), "{off}");
+    }
+}
