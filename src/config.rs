@@ -11,7 +11,7 @@ use serde::{Deserialize, Serialize};
 use swath_bridge::ingest::IngestConfig;
 use swath_bridge::{GridSpec, Vehicle};
 use swath_generator::GeneratorConfig;
-use swath_planner::node::FollowConfig;
+use swath_planner::node::{FollowConfig, FramesConfig};
 use swath_planner::{ObstacleConfig, PlanConfig, TargetConfig};
 use swath_trainer::TrainConfig;
 
@@ -34,6 +34,8 @@ pub(crate) struct Config {
     pub(crate) plan: PlanConfig,
     /// How a planner node chooses and keeps up a path.
     pub(crate) follow: FollowConfig,
+    /// How a planner node tells coordinate frames apart.
+    pub(crate) frames: FramesConfig,
     /// How networks are trained; what the command line says comes first.
     pub(crate) train: TrainConfig,
     /// How logs become grids; vehicle and grid are those above.
@@ -64,13 +66,14 @@ impl Config {
 
     /// Checks every section of what was read from a text.
     fn validate(&self, text: &str) -> anyhow::Result<()> {
-        let sections: [(&str, anyhow::Result<()>); 9] = [
+        let sections: [(&str, anyhow::Result<()>); 10] = [
             ("vehicle", self.vehicle.validate().map_err(Into::into)),
             ("grid", self.grid.validate().map_err(Into::into)),
             ("obstacles", self.obstacles.validate().map_err(Into::into)),
             ("targets", self.targets.validate().map_err(Into::into)),
             ("plan", self.plan.validate().map_err(Into::into)),
             ("follow", self.follow.validate().map_err(Into::into)),
+            ("frames", self.frames.validate().map_err(Into::into)),
             ("train", self.train.validate().map_err(Into::into)),
             ("ingest", self.ingest().validate().map_err(Into::into)),
             ("generator", self.generator().validate().map_err(Into::into)),

@@ -2,13 +2,12 @@
 
 mod plans;
 mod samples;
-mod stops;
 mod training;
 
 use crate::Error;
 use crate::tables::Tables;
 
-pub(crate) use plans::{LATE_MS, OutcomeCount, PlannerHealth};
+pub(crate) use plans::{LATE_MS, OutcomeCount, PlannerHealth, RejectionCount, StopCount};
 pub(crate) use samples::{GeneratorHealth, SampleHealth};
 pub(crate) use training::{TrainerHealth, WeightsHealth};
 
@@ -23,6 +22,10 @@ pub(crate) struct Health {
     pub(crate) weights: Vec<WeightsHealth>,
     /// One entry a vehicle.
     pub(crate) planners: Vec<PlannerHealth>,
+    /// Reasons of empty paths.
+    pub(crate) stops: Vec<StopCount>,
+    /// Messages that planners could not use.
+    pub(crate) rejections: Vec<RejectionCount>,
     /// Targets by method and outcome.
     pub(crate) outcomes: Vec<OutcomeCount>,
     /// Paths by method and how far they can be driven.
@@ -38,6 +41,8 @@ impl Health {
             trainers: training::trainers(&tables.status)?,
             weights: training::weights(tables)?,
             planners: plans::planners(tables)?,
+            stops: plans::stops(tables)?,
+            rejections: plans::rejections(tables)?,
             outcomes: plans::outcomes(tables)?,
             drivabilities: plans::drivabilities(tables)?,
         })

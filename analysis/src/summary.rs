@@ -69,8 +69,8 @@ pub struct PlannerSummary {
     pub solved: u64,
     /// Frames of live grids without a path to follow.
     pub stops: u64,
-    /// Why, in words, with the number of frames.
-    pub stops_by_cause: Vec<(&'static str, u64)>,
+    /// Why, as the planner names it, with the number of frames.
+    pub stops_by_reason: Vec<(String, u64)>,
     /// Median time from a grid to its plan, milliseconds; only of live grids.
     pub latency_ms: Option<f64>,
 }
@@ -229,7 +229,7 @@ impl Summary {
 
 impl PlannerSummary {
     fn of(planner: &PlannerHealth) -> Self {
-        let causes = planner.stops_by_cause.iter();
+        let reasons = planner.stops_by_reason.iter();
         Self {
             vehicle: planner.vehicle.clone(),
             frames: planner.plans,
@@ -238,14 +238,14 @@ impl PlannerSummary {
             targets: planner.targets,
             solved: planner.solved,
             stops: planner.stops,
-            stops_by_cause: causes
-                .map(|(cause, frames)| (cause.words(), *frames))
+            stops_by_reason: reasons
+                .map(|(reason, frames)| (reason.clone(), *frames))
                 .collect(),
             latency_ms: planner.latency_ms.map(|spread| spread.median),
         }
     }
 
-    /// What it did, in words: a line for targets and frames, and one for each cause of a stop.
+    /// What it did, in words: a line for targets and frames, and one for each reason of a stop.
     pub fn lines(&self) -> Vec<String> {
         let latency = self.latency_ms.map_or_else(String::new, |latency_ms| {
             format!(", half of them within {} ms", significant(latency_ms))
@@ -258,13 +258,13 @@ impl PlannerSummary {
             share(self.solved, self.targets),
             count(self.frames)
         )];
-        for (cause, frames) in &self.stops_by_cause {
+        for (reason, frames) in &self.stops_by_reason {
             let frames = match frames {
                 1 => "1 frame was".to_owned(),
                 _ => format!("{} frames were", count(*frames)),
             };
             lines.push(format!(
-                "planner {}: {frames} stopped because {cause}",
+                "planner {}: {frames} stopped: {reason}",
                 self.vehicle
             ));
         }

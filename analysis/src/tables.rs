@@ -2,6 +2,7 @@
 
 mod evaluations;
 mod plans;
+mod rejections;
 mod rows;
 mod samples;
 mod topics;
@@ -16,7 +17,8 @@ use swath_bridge::recording::RawMessage;
 use crate::{Error, ReportOptions};
 
 use evaluations::EvaluationRow;
-use plans::{PlanRow, TargetRow};
+use plans::{PlanRow, StopRow, TargetRow};
+use rejections::{RejectionCounts, RejectionRow};
 use rows::Rows;
 use samples::SampleRow;
 use topics::TopicCounts;
@@ -37,10 +39,14 @@ pub(crate) struct Record<'a> {
 /// The tables of one or several recordings.
 #[derive(Debug, Clone)]
 pub(crate) struct Tables {
-    /// One row a plan report.
+    /// One row a planned frame.
     pub(crate) plans: DataFrame,
     /// One row a target of a plan report; `plan` is the row of its report.
     pub(crate) targets: DataFrame,
+    /// One row a report of an empty path.
+    pub(crate) stops: DataFrame,
+    /// One row a cause for which a planner could not use messages.
+    pub(crate) rejections: DataFrame,
     /// One row a sample.
     pub(crate) samples: DataFrame,
     /// One row a publication of weights.
@@ -55,10 +61,12 @@ pub(crate) struct Tables {
 
 impl Tables {
     /// Each table with its name, in the order of the report.
-    pub(crate) fn named(&self) -> [(&'static str, &DataFrame); 7] {
+    pub(crate) fn named(&self) -> [(&'static str, &DataFrame); 9] {
         [
             (PlanRow::TABLE, &self.plans),
             (TargetRow::TABLE, &self.targets),
+            (StopRow::TABLE, &self.stops),
+            (RejectionRow::TABLE, &self.rejections),
             (SampleRow::TABLE, &self.samples),
             (WeightsRow::TABLE, &self.weights),
             (StatusRow::TABLE, &self.status),
@@ -73,6 +81,8 @@ impl Tables {
 pub(crate) struct TablesBuilder {
     plans: Rows<PlanRow>,
     targets: Rows<TargetRow>,
+    stops: Rows<StopRow>,
+    rejections: RejectionCounts,
     samples: Rows<SampleRow>,
     weights: Rows<WeightsRow>,
     status: Rows<StatusRow>,
@@ -86,6 +96,8 @@ impl TablesBuilder {
         Self {
             plans: Rows::new(limit),
             targets: Rows::new(limit),
+            stops: Rows::new(limit),
+            rejections: RejectionCounts::default(),
             samples: Rows::new(limit),
             weights: Rows::new(limit),
             status: Rows::new(limit),
@@ -141,6 +153,14 @@ impl TablesBuilder {
     }
 
     fn take_plan(&mut self, record: &Record<'_>, report: PlanReport) -> Result<(), Error> {
+        self.rejections.take(record, &report)?;
+        if !report.reason.is_empty() {
+            self.stops.push(StopRow::new(record, &report))?;
+        }
+        // A report without a method only says why there is no path.
+        if report.method.is_empty() {
+            return Ok(());
+        }
         let plan = self.plans.len() as u64;
         for (index, target) in (0..).zip(&report.targets) {
             self.targets.push(TargetRow::new(plan, index, target))?;
@@ -166,6 +186,8 @@ impl TablesBuilder {
         Ok(Tables {
             plans: self.plans.finish()?,
             targets: self.targets.finish()?,
+            stops: self.stops.finish()?,
+            rejections: self.rejections.finish()?,
             samples: self.samples.finish()?,
             weights: self.weights.finish()?,
             status: self.status.finish()?,

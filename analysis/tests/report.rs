@@ -11,8 +11,9 @@ use std::collections::BTreeMap;
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use recordings::{after_ms, bench, run, sample, write};
+use recordings::{after_ms, bench, plan, run, sample, write};
 use swath_analysis::{Error, ReportOptions, Summary, report};
+use swath_bridge::msg::swath::{PlanReport, Rejection};
 use swath_bridge::msg::tf2::TFMessage;
 use swath_bridge::{Outcome, keys};
 
@@ -146,7 +147,7 @@ fn many_other_numbers_of_targets_are_left_to_the_files() {
             let solved = |_| recordings::target(count, Outcome::Solved, (1.0, 1, 1.0));
             for method in ["tiev", "tiev-fcn"] {
                 let targets = (0..count).map(solved).collect();
-                let report = recordings::plan(u64::from(count), method, 1.0, targets);
+                let report = plan(u64::from(count), method, 1.0, targets);
                 let nanos = report.header.stamp.nanos();
                 writer
                     .write(&keys::plan("bench"), &report, nanos, nanos)
@@ -509,4 +510,84 @@ fn progress_ends_at_the_end() {
     assert_eq!(read_bytes, total_bytes);
     assert_eq!(messages, 13 + 31 + 3 + 3 + 5 + 3 + 10 + 1);
     assert!(seen.is_sorted());
+}
+
+#[test]
+fn empty_paths_and_rejected_messages_are_counted_by_reason_and_cause() {
+    let directory = tempfile::tempdir().unwrap();
+    let rejection = |topic: &str, cause: &str, messages| Rejection {
+        topic: topic.to_owned(),
+        cause: cause.to_owned(),
+        messages,
+    };
+    let file = write(directory.path(), "stops.mcap", |writer| {
+        let mut say = |frame: u64, reason: &str, detail: &str, rejected: Vec<Rejection>| {
+            let planned = frame > 0;
+            let report = PlanReport {
+                vehicle: "v0".to_owned(),
+                method: if planned { "swath" } else { "" }.to_owned(),
+                latency_ms: if planned { 5.0 } else { f32::NAN },
+                reason: reason.to_owned(),
+                detail: detail.to_owned(),
+                rejected,
+                ..plan(frame, "swath", 3.0, Vec::new())
+            };
+            let log = after_ms(frame * 100);
+            writer.write(&keys::plan("v0"), &report, log, log).unwrap();
+        };
+        say(0, "no grid yet", "", vec![]);
+        say(
+            1,
+            "blocked",
+            "first",
+            vec![rejection("odom", "no car moves so", 4)],
+        );
+        say(
+            0,
+            "no transform",
+            "from \"map\"",
+            vec![rejection("odom", "no car moves so", 6)],
+        );
+        say(
+            2,
+            "blocked",
+            "second",
+            vec![rejection("odom", "no car moves so", 7)],
+        );
+        say(3, "", "", vec![rejection("odom", "no car moves so", 7)]);
+        // The planner was started anew and counts from the beginning.
+        let anew = vec![
+            rejection("grid", "it does not decode", 2),
+            rejection("odom", "no car moves so", 1),
+        ];
+        say(1, "", "", anew);
+    });
+    report_of(&[file], &directory.path().join("out")).unwrap();
+    let planners = table(directory.path(), "planners");
+    assert_eq!(planners[0]["plans"], "4", "{planners:?}");
+    assert_eq!(table(directory.path(), "stops").len(), 4);
+    let rejections: Vec<[String; 3]> = table(directory.path(), "rejections")
+        .into_iter()
+        .map(|row| ["topic", "cause", "messages"].map(|column| row[column].clone()))
+        .collect();
+    assert_eq!(
+        rejections,
+        [
+            ["grid", "it does not decode", "2"],
+            ["odom", "no car moves so", "8"]
+        ]
+    );
+    let text = fs::read_to_string(directory.path().join("out/report.md")).unwrap();
+    for row in [
+        ["v0", "blocked", "2", "second"],
+        ["v0", "no grid yet", "1", ""],
+        ["v0", "no transform", "1", "from \"map\""],
+        ["v0", "odom", "no car moves so", "8"],
+    ] {
+        let is_row = |line: &str| {
+            let cells: Vec<&str> = line.trim_matches('|').split('|').map(str::trim).collect();
+            cells == row
+        };
+        assert!(text.lines().any(is_row), "{row:?}\n{text}");
+    }
 }

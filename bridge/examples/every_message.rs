@@ -12,11 +12,11 @@ use swath_bridge::msg::header::{Duration, Header, Time};
 use swath_bridge::msg::nav::{MapMetaData, OccupancyGrid, Odometry, Path};
 use swath_bridge::msg::sensor::{LaserScan, PointCloud2, PointField};
 use swath_bridge::msg::swath::{
-    Evaluation, PlanReport, PlanarPose, Sample, TargetPlan, TrainStatus, Weights,
+    Evaluation, PlanReport, PlanarPose, Rejection, Sample, TargetPlan, TrainStatus, Weights,
 };
 use swath_bridge::msg::tf2::TFMessage;
 use swath_bridge::recording::Writer;
-use swath_bridge::{Outcome, keys, msg::Message};
+use swath_bridge::{Outcome, StopReason, keys, msg::Message};
 
 /// When the first message was sent; it was recorded a microsecond later.
 const START_NANOS: u64 = 1_700_000_000_123_456_789;
@@ -61,6 +61,7 @@ fn topic_of(type_name: &str) -> String {
         Odometry::TYPE_NAME => keys::odom("v0").key().to_owned(),
         Path::TYPE_NAME => keys::reference("v0").key().to_owned(),
         PoseArray::TYPE_NAME => keys::targets("v0").key().to_owned(),
+        TFMessage::TYPE_NAME => keys::tf("v0").key().to_owned(),
         other => format!("every/{other}"),
     };
     keys::topic_of_key(&key)
@@ -171,9 +172,14 @@ fn geometry(out: &mut Out) -> Result<(), Box<dyn Error>> {
         twist: twist(),
         covariance: covariance(-3.0),
     })?;
-    out.add(&TFMessage {
+    let transforms = TFMessage {
         transforms: vec![transform(), transform()],
-    })
+    };
+    out.add(&transforms)?;
+    out.add_on(
+        &keys::topic_of_key(keys::tf_static("v0").key()),
+        &transforms,
+    )
 }
 
 fn navigation(out: &mut Out) -> Result<(), Box<dyn Error>> {
@@ -280,8 +286,17 @@ fn target(outcome: Outcome) -> TargetPlan {
     }
 }
 
+fn rejection(topic: &str, messages: u64) -> Rejection {
+    Rejection {
+        topic: topic.to_owned(),
+        cause: "it does not decode".to_owned(),
+        messages,
+    }
+}
+
 fn plans(out: &mut Out) -> Result<(), Box<dyn Error>> {
     out.add(&planar(0.1))?;
+    out.add(&rejection("weights", 1))?;
     out.add(&target(Outcome::Solved))?;
     out.add(&PlanReport {
         header: header(),
@@ -305,6 +320,9 @@ fn plans(out: &mut Out) -> Result<(), Box<dyn Error>> {
         start: planar(0.4),
         chosen: 0,
         targets: vec![target(Outcome::Solved), target(Outcome::GoalOccupied)],
+        reason: StopReason::NoTransform.name().to_owned(),
+        detail: "from \"Fahrzeug-ä\" to \"base_link\"".to_owned(),
+        rejected: vec![rejection("odom", 3), rejection("grid", u64::MAX)],
     })
 }
 

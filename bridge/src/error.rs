@@ -17,6 +17,14 @@ pub enum Error {
         /// Which field, its value and what was expected.
         what: String,
     },
+    /// A grid's message cannot be worked with.
+    #[error("invalid grid: {what}")]
+    UnusableGrid {
+        /// What about it, in words that are the same for all grids.
+        fault: crate::GridFault,
+        /// Which field, its value and what was expected.
+        what: String,
+    },
     /// A dimension of the vehicle is out of range.
     #[error("invalid vehicle: {field} is {value}, expected {least} to {most}")]
     InvalidVehicle {

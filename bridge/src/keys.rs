@@ -9,6 +9,7 @@ use crate::msg::Message;
 use crate::msg::geometry::PoseArray;
 use crate::msg::nav::{OccupancyGrid, Odometry, Path};
 use crate::msg::swath::{Evaluation, PlanReport, Sample, TrainStatus, Weights};
+use crate::msg::tf2::TFMessage;
 
 /// Every key that carries messages.
 pub const EVERYTHING: &str = "swath/**";
@@ -26,6 +27,8 @@ pub enum Qos {
     Newest,
     /// The last one is given to late joiners: references and targets.
     Latched,
+    /// The last one of each sender is given to late joiners, and none replaces another: transforms.
+    Kept,
     /// Dropped when the network is behind, sent before other data: plans and paths.
     Interactive,
     /// Dropped when the network is behind: status, odometry, pictures.
@@ -80,7 +83,7 @@ pub fn evaluation(run: &str) -> Topic<Evaluation> {
     Topic::new(format!("swath/evaluation/{run}"), Qos::Lossy)
 }
 
-/// Obstacles around a vehicle, in its frame.
+/// Obstacles around a vehicle, in its frame or in one that odometry or transforms join with it.
 pub fn grid(vehicle: &str) -> Topic<OccupancyGrid> {
     Topic::new(format!("swath/vehicle/{vehicle}/grid"), Qos::Newest)
 }
@@ -90,22 +93,32 @@ pub fn odom(vehicle: &str) -> Topic<Odometry> {
     Topic::new(format!("swath/vehicle/{vehicle}/odom"), Qos::Lossy)
 }
 
-/// The rough path that a vehicle is to follow, in its frame.
+/// Transforms between frames. Those with a stamp of zero hold at any time.
+pub fn tf(vehicle: &str) -> Topic<TFMessage> {
+    Topic::new(format!("swath/vehicle/{vehicle}/tf"), Qos::Kept)
+}
+
+/// Transforms that hold at any time, whatever their stamps.
+pub fn tf_static(vehicle: &str) -> Topic<TFMessage> {
+    Topic::new(format!("swath/vehicle/{vehicle}/tf_static"), Qos::Kept)
+}
+
+/// The rough path that a vehicle is to follow, in a frame as that of a grid.
 pub fn reference(vehicle: &str) -> Topic<Path> {
     Topic::new(format!("swath/vehicle/{vehicle}/reference"), Qos::Latched)
 }
 
-/// Targets given from outside, in the vehicle's frame.
+/// Targets given from outside, in a frame as that of a grid.
 pub fn targets(vehicle: &str) -> Topic<PoseArray> {
     Topic::new(format!("swath/vehicle/{vehicle}/targets"), Qos::Latched)
 }
 
-/// Plans to every target of a frame.
+/// Plans to every target of a frame, in the grid's frame, or why there are none.
 pub fn plan(vehicle: &str) -> Topic<PlanReport> {
     Topic::new(format!("swath/vehicle/{vehicle}/plan"), Qos::Interactive)
 }
 
-/// The path of the chosen target, for a controller; empty when there is none: stop.
+/// The path of the chosen target, for a controller, in the grid's frame; empty when there is none: stop.
 pub fn path(vehicle: &str) -> Topic<Path> {
     Topic::new(format!("swath/vehicle/{vehicle}/path"), Qos::Interactive)
 }
@@ -152,6 +165,7 @@ pub fn classify(key: &str) -> Option<(&'static str, Qos)> {
         ["swath", "vehicle", _, kind] => match kind {
             "grid" => typed(OccupancyGrid::TYPE_NAME, Qos::Newest),
             "odom" => typed(Odometry::TYPE_NAME, Qos::Lossy),
+            "tf" | "tf_static" => typed(TFMessage::TYPE_NAME, Qos::Kept),
             "reference" => typed(Path::TYPE_NAME, Qos::Latched),
             "targets" => typed(PoseArray::TYPE_NAME, Qos::Latched),
             "plan" => typed(PlanReport::TYPE_NAME, Qos::Interactive),
@@ -180,6 +194,8 @@ mod tests {
         agrees(&evaluation("r"));
         agrees(&grid("v"));
         agrees(&odom("v"));
+        agrees(&tf("v"));
+        agrees(&tf_static("v"));
         agrees(&reference("v"));
         agrees(&targets("v"));
         agrees(&plan("v"));

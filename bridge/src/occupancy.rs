@@ -2,7 +2,9 @@
 
 mod message;
 mod resample;
+mod turned;
 
+pub use message::GridFault;
 pub(crate) use resample::Source;
 
 use crate::geometry::{Cell, GridSpec};

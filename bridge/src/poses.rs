@@ -29,11 +29,12 @@ pub fn ros_pose(pose: &Pose2) -> Pose {
     }
 }
 
-/// The pose in the plane of a ROS pose: its position, and the heading of its x axis.
+/// The pose in the plane of a ROS pose: its position, and the heading of its x axis, whatever the length
+/// of its quaternion.
 pub fn pose_of_ros(pose: &Pose) -> Pose2 {
     let q = &pose.orientation;
     let sin = 2.0 * (q.w * q.z + q.x * q.y);
-    let cos = 1.0 - 2.0 * (q.y * q.y + q.z * q.z);
+    let cos = q.w * q.w + q.x * q.x - q.y * q.y - q.z * q.z;
     Pose2::new(pose.position.x, pose.position.y, libm::atan2(sin, cos))
 }
 

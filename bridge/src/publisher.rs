@@ -49,7 +49,7 @@ impl Session {
         let declared = self.zenoh.declare_publisher(key.to_owned());
         let builder = as_carried(declared, qos).encoding(Encoding::APPLICATION_CDR);
         let declared = match qos {
-            Qos::Durable | Qos::Latched => builder
+            Qos::Durable | Qos::Latched | Qos::Kept => builder
                 .cache(CacheConfig::default().max_samples(1))
                 .sample_miss_detection(MissDetectionConfig::default().heartbeat(HEARTBEAT))
                 .publisher_detection()
@@ -72,6 +72,7 @@ fn as_carried<'a, 'b>(builder: PublisherBuilder<'a, 'b>, qos: Qos) -> PublisherB
     let (congestion, priority, express) = match qos {
         Qos::Block => (CongestionControl::Block, Priority::Data, false),
         Qos::Durable | Qos::Latched => (CongestionControl::Block, Priority::DataHigh, false),
+        Qos::Kept => (CongestionControl::Drop, Priority::DataHigh, false),
         Qos::Newest => (CongestionControl::Drop, Priority::RealTime, true),
         // Not express: a plan and its path go out together rather than one of them not at all.
         Qos::Interactive => (CongestionControl::Drop, Priority::InteractiveHigh, false),

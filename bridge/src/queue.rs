@@ -45,7 +45,7 @@ impl Overflow {
         match qos {
             Qos::Newest | Qos::Latched => Self::ReplaceByKey,
             Qos::Block => Self::DropNewest,
-            Qos::Durable | Qos::Interactive | Qos::Lossy => Self::DropOldest,
+            Qos::Durable | Qos::Kept | Qos::Interactive | Qos::Lossy => Self::DropOldest,
         }
     }
 }

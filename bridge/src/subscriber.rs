@@ -122,7 +122,7 @@ impl Session {
         let builder = self.zenoh.declare_subscriber(key.to_owned());
         let builder = builder.callback(move |sample| hand_over(&sample, &*sink));
         let declared = match qos {
-            Qos::Durable | Qos::Latched => {
+            Qos::Durable | Qos::Latched | Qos::Kept => {
                 let history = HistoryConfig::default()
                     .detect_late_publishers()
                     .max_samples(1);

@@ -68,6 +68,16 @@ pub enum Error {
         /// Most that it may be.
         most: f64,
     },
+    /// A setting of frames is out of its range.
+    #[error("frames.{field} is {value}, expected 0 to {max}")]
+    FramesConfig {
+        /// Which.
+        field: &'static str,
+        /// What it is.
+        value: f64,
+        /// Maximum that it may be.
+        max: f64,
+    },
     /// Cells are too small for the vehicle, or not positive.
     #[error(
         "a vehicle that reaches {vehicle_m:.2} m on cells of {resolution_m} m: expected at most 400 cells"

@@ -16,7 +16,7 @@ use swath_bridge::{
 };
 use swath_planner::check::{CheckLimits, Ends, check_path};
 use swath_planner::network::{Network, NetworkInfo, Parameters};
-use swath_planner::node::{self, FollowConfig, NodeConfig, NodeSummary};
+use swath_planner::node::{self, FollowConfig, FramesConfig, NodeConfig, NodeSummary};
 use swath_planner::report::{path_points, pose_of_planar};
 use swath_planner::{Method, ObstacleConfig, PlanConfig, TargetConfig};
 use tokio::sync::oneshot;
@@ -57,6 +57,7 @@ fn config(plan: PlanConfig) -> NodeConfig {
         },
         plan,
         follow: FollowConfig::default(),
+        frames: FramesConfig::default(),
         run: "*".to_owned(),
         trusted: Vec::new(),
         shares_vehicle: false,

@@ -7,7 +7,6 @@ use polars::prelude::{
 };
 use swath_bridge::keys;
 
-use super::stops::{Stop, stops};
 use crate::Error;
 use crate::error::InTable as _;
 use crate::frames::{counts, names, numbers};
@@ -38,8 +37,8 @@ pub(crate) struct PlannerHealth {
     pub(crate) solved: u64,
     /// Plans of live grids that chose no path, which tells the vehicle to stop.
     pub(crate) stops: u64,
-    /// Why they chose none, as far as their targets tell; ordered by cause.
-    pub(crate) stops_by_cause: BTreeMap<Stop, u64>,
+    /// Why they chose none, as the planner names it; ordered by reason.
+    pub(crate) stops_by_reason: BTreeMap<String, u64>,
     /// Plans that were ready more than [`LATE_MS`] after their deadline.
     pub(crate) late: u64,
     /// By how much plans with a deadline passed it; 0 for those that kept it.
@@ -56,7 +55,7 @@ struct Seen {
     with_network: u64,
     targets: u64,
     solved: u64,
-    stops_by_cause: BTreeMap<Stop, u64>,
+    stops_by_reason: BTreeMap<String, u64>,
     late_ms: Vec<f64>,
     /// Grids skipped before the planner was last restarted.
     skipped_before: u64,
@@ -87,7 +86,6 @@ pub(super) fn planners(tables: &Tables) -> Result<Vec<PlannerHealth>, Error> {
     let smooth_ms = numbers(&tables.plans, "smooth_ms", TABLE)?;
     let targets = counts(&tables.plans, "targets", TABLE)?;
     let solved = counts(&tables.plans, "solved", TABLE)?;
-    let stopped = stops(tables)?;
     let mut planners: BTreeMap<String, Seen> = BTreeMap::new();
     for (vehicle, grids) in grids(tables)? {
         planners.entry(vehicle).or_default().grids = grids;
@@ -102,14 +100,15 @@ pub(super) fn planners(tables: &Tables) -> Result<Vec<PlannerHealth>, Error> {
         // A plan that did not wait for a grid, as in a benchmark, has no latency.
         if latencies_ms[row] > 0.0 {
             seen.latencies_ms.push(latencies_ms[row]);
-            if let Some(&cause) = stopped.get(&(row as u64)) {
-                *seen.stops_by_cause.entry(cause).or_default() += 1;
-            }
         }
         if deadlines_ms[row] > 0.0 {
             let took_ms = totals_ms[row] + smooth_ms[row];
             seen.late_ms.push((took_ms - deadlines_ms[row]).max(0.0));
         }
+    }
+    for (vehicle, reason) in stopped_frames(tables)? {
+        let stops = &mut planners.entry(vehicle).or_default().stops_by_reason;
+        *stops.entry(reason).or_default() += 1;
     }
     Ok(planners
         .into_iter()
@@ -121,13 +120,93 @@ pub(super) fn planners(tables: &Tables) -> Result<Vec<PlannerHealth>, Error> {
             with_network: seen.with_network,
             targets: seen.targets,
             solved: seen.solved,
-            stops: seen.stops_by_cause.values().sum(),
-            stops_by_cause: seen.stops_by_cause,
+            stops: seen.stops_by_reason.values().sum(),
+            stops_by_reason: seen.stops_by_reason,
             late: seen.late_ms.iter().filter(|late| **late > LATE_MS).count() as u64,
             late_ms: Spread::of(seen.late_ms),
             latency_ms: Spread::of(seen.latencies_ms),
         })
         .collect())
+}
+
+/// Vehicle and reason of each frame that was planned and has no path to follow.
+fn stopped_frames(tables: &Tables) -> Result<impl Iterator<Item = (String, String)>, Error> {
+    let vehicles = names(&tables.stops, "vehicle", TABLE)?;
+    let reasons = names(&tables.stops, "reason", TABLE)?;
+    let frames = counts(&tables.stops, "frame", TABLE)?;
+    let rows = vehicles.into_iter().zip(reasons).zip(frames);
+    Ok(rows
+        .filter(|(_, frame)| *frame > 0)
+        .map(|(row, _)| row))
+}
+
+/// Reports of empty paths of one vehicle, for one reason.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(crate) struct StopCount {
+    /// Vehicle.
+    pub(crate) vehicle: String,
+    /// Reason, as the planner names it.
+    pub(crate) reason: String,
+    /// Reports.
+    pub(crate) reports: u64,
+    /// The evidence in the newest of them.
+    pub(crate) newest_detail: String,
+}
+
+/// Reasons of empty paths, ordered by vehicle and reason.
+pub(super) fn stops(tables: &Tables) -> Result<Vec<StopCount>, Error> {
+    let vehicles = names(&tables.stops, "vehicle", TABLE)?;
+    let reasons = names(&tables.stops, "reason", TABLE)?;
+    let details = names(&tables.stops, "detail", TABLE)?;
+    let mut stops: BTreeMap<(String, String), StopCount> = BTreeMap::new();
+    for ((vehicle, reason), detail) in vehicles.into_iter().zip(reasons).zip(details) {
+        let count = stops
+            .entry((vehicle.clone(), reason.clone()))
+            .or_insert_with(|| StopCount {
+                vehicle,
+                reason,
+                reports: 0,
+                newest_detail: String::new(),
+            });
+        count.reports += 1;
+        count.newest_detail = detail;
+    }
+    Ok(stops.into_values().collect())
+}
+
+/// Messages of one topic that a vehicle's planner could not use for one cause, over all recordings.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(crate) struct RejectionCount {
+    /// Vehicle.
+    pub(crate) vehicle: String,
+    /// Topic, without the vehicle's part.
+    pub(crate) topic: String,
+    /// Cause, as the planner names it.
+    pub(crate) cause: String,
+    /// Messages.
+    pub(crate) messages: u64,
+}
+
+/// Messages that could not be used, ordered by vehicle, topic and cause.
+pub(super) fn rejections(tables: &Tables) -> Result<Vec<RejectionCount>, Error> {
+    let vehicles = names(&tables.rejections, "vehicle", TABLE)?;
+    let topics = names(&tables.rejections, "topic", TABLE)?;
+    let causes = names(&tables.rejections, "cause", TABLE)?;
+    let messages = counts(&tables.rejections, "messages", TABLE)?;
+    let mut summed: BTreeMap<(String, String, String), u64> = BTreeMap::new();
+    for (row, vehicle) in vehicles.into_iter().enumerate() {
+        let key = (vehicle, topics[row].clone(), causes[row].clone());
+        let sum = summed.entry(key).or_default();
+        *sum = sum.saturating_add(messages[row]);
+    }
+    let summed = summed.into_iter();
+    let counts = summed.map(|((vehicle, topic, cause), messages)| RejectionCount {
+        vehicle,
+        topic,
+        cause,
+        messages,
+    });
+    Ok(counts.collect())
 }
 
 /// Grids by vehicle.

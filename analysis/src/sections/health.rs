@@ -6,7 +6,8 @@ use super::Section;
 use crate::format::{NOTHING, count, median, optional, percent, share};
 use crate::grid::Grid;
 use crate::health::{
-    Health, LATE_MS, OutcomeCount, PlannerHealth, SampleHealth, TrainerHealth, WeightsHealth,
+    Health, LATE_MS, OutcomeCount, PlannerHealth, RejectionCount, SampleHealth, StopCount,
+    TrainerHealth, WeightsHealth,
 };
 use crate::spread::Spread;
 
@@ -17,6 +18,8 @@ pub(crate) fn section(health: &Health, drawn: &[String]) -> Section {
     trainers(&mut section, &health.trainers);
     weights(&mut section, &health.weights, drawn);
     planners(&mut section, &health.planners, drawn);
+    stops(&mut section, &health.stops);
+    rejections(&mut section, &health.rejections);
     let known = swath_bridge::Outcome::ALL.map(swath_bridge::Outcome::name);
     section.heading("Outcomes");
     if health.outcomes.is_empty() {
@@ -199,25 +202,43 @@ fn planners(section: &mut Section, planners: &[PlannerHealth], drawn: &[String])
         "A plan is late if it is ready more than {LATE_MS:.0} ms after its deadline. A stop is a plan of a \
          live grid without a path to follow."
     ));
-    stops(section, planners);
     section.plot(drawn, "latency.svg", "Latency of plans");
 }
 
-/// Why frames were stopped, a row per vehicle and cause.
-fn stops(section: &mut Section, planners: &[PlannerHealth]) {
-    let mut grid = Grid::new(["vehicle", "stops", "because"]);
-    for planner in planners {
-        for (cause, frames) in &planner.stops_by_cause {
-            grid.row([
-                planner.vehicle.clone(),
-                count(*frames),
-                cause.words().to_owned(),
-            ]);
-        }
+fn stops(section: &mut Section, stops: &[StopCount]) {
+    section.heading("Stops");
+    if stops.is_empty() {
+        section.paragraph("No planner said that its path was empty.");
+        return;
     }
-    if grid.has_rows() {
-        section.table(&grid);
+    let mut grid = Grid::new(["vehicle", "reason", "reports", "the newest of them says"]);
+    for stop in stops {
+        grid.row([
+            stop.vehicle.clone(),
+            stop.reason.clone(),
+            count(stop.reports),
+            stop.newest_detail.clone(),
+        ]);
     }
+    section.table(&grid);
+}
+
+fn rejections(section: &mut Section, rejections: &[RejectionCount]) {
+    section.heading("Messages that planners could not use");
+    if rejections.is_empty() {
+        section.paragraph("There were none.");
+        return;
+    }
+    let mut grid = Grid::new(["vehicle", "topic", "cause", "messages"]);
+    for rejection in rejections {
+        grid.row([
+            rejection.vehicle.clone(),
+            rejection.topic.clone(),
+            rejection.cause.clone(),
+            count(rejection.messages),
+        ]);
+    }
+    section.table(&grid);
 }
 
 /// Counts by method, a column for each name: those that are known first, as far as there are any.

@@ -10,7 +10,7 @@ use super::rows::{number, row_table};
 const FNV: (u64, u64) = (0xcbf2_9ce4_8422_2325, 0x0000_0100_0000_01b3);
 
 row_table! {
-    /// One plan report.
+    /// One report of a planned frame.
     pub(crate) struct PlanRow in "plans" {
         plan: u64,
         recording: u32,
@@ -79,6 +79,34 @@ impl PlanRow {
             method: report.method,
             scene: report.scene,
             weights_run: report.weights_run,
+        }
+    }
+}
+
+row_table! {
+    /// One report of an empty path, whether a frame was planned or not.
+    pub(crate) struct StopRow in "stops" {
+        recording: u32,
+        log_nanos: u64,
+        stamp_nanos: u64,
+        vehicle: String,
+        /// Number of the planned frame; 0 if none was planned.
+        frame: u64,
+        reason: String,
+        detail: String,
+    }
+}
+
+impl StopRow {
+    pub(super) fn new(record: &Record<'_>, report: &PlanReport) -> Self {
+        Self {
+            recording: record.recording,
+            log_nanos: record.message.log_nanos,
+            stamp_nanos: report.header.stamp.nanos(),
+            vehicle: report.vehicle.clone(),
+            frame: report.frame,
+            reason: report.reason.clone(),
+            detail: report.detail.clone(),
         }
     }
 }

@@ -76,6 +76,9 @@ pub(crate) fn plan(
         },
         chosen: -1,
         targets,
+        reason: String::new(),
+        detail: String::new(),
+        rejected: Vec::new(),
     }
 }
 

@@ -107,7 +107,8 @@ pub(crate) fn rotation_of(rotation: &geometry::Quaternion) -> Option<UnitQuatern
     (norm.is_finite() && norm > 0.1).then(|| UnitQuaternion::new_normalize(quaternion))
 }
 
-fn isometry_of(transform: &geometry::Transform) -> Option<Isometry3<f64>> {
+/// The rigid transform of a message, or `None` if it is none.
+pub(crate) fn isometry_of(transform: &geometry::Transform) -> Option<Isometry3<f64>> {
     let rotation = rotation_of(&transform.rotation)?;
     let geometry::Vector3 { x, y, z } = transform.translation;
     let is_finite = x.is_finite() && y.is_finite() && z.is_finite();
@@ -115,7 +116,7 @@ fn isometry_of(transform: &geometry::Transform) -> Option<Isometry3<f64>> {
 }
 
 /// Frame names without the leading slash that older systems wrote.
-fn normalised(frame: &str) -> &str {
+pub(crate) fn normalised(frame: &str) -> &str {
     frame.strip_prefix('/').unwrap_or(frame)
 }
 

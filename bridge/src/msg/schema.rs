@@ -103,6 +103,10 @@ const DEFINITIONS: &[(&str, &str)] = &[
         include_str!("../../msg/swath_msgs/PlanarPose.msg"),
     ),
     (
+        "swath_msgs/Rejection",
+        include_str!("../../msg/swath_msgs/Rejection.msg"),
+    ),
+    (
         "swath_msgs/Sample",
         include_str!("../../msg/swath_msgs/Sample.msg"),
     ),

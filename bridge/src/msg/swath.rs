@@ -42,16 +42,17 @@ impl Message for Evaluation {
     const TYPE_NAME: &'static str = "swath_msgs/msg/Evaluation";
 }
 
-/// One frame's plans. The header is that of the grid which was planned on.
+/// One frame's plans, or why there are none. The header is that of the grid which was planned on, and
+/// every pose is in its frame.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct PlanReport {
     /// Header.
     pub header: Header,
     /// Vehicle.
     pub vehicle: String,
-    /// Counts up by one for each plan of this planner.
+    /// Counts up by one for each plan of this planner; 0 if no frame was planned.
     pub frame: u64,
-    /// Method.
+    /// Method; empty if no frame was planned.
     pub method: String,
     /// Kind of scene where it is known, else empty.
     pub scene: String,
@@ -77,7 +78,7 @@ pub struct PlanReport {
     pub smooth_ms: f32,
     /// For all of these; 0 for none.
     pub deadline_ms: f32,
-    /// From the grid's arrival to this report.
+    /// From the grid's arrival to this report; NaN if no frame was planned.
     pub latency_ms: f32,
     /// Grids that a newer one replaced before they were planned on.
     pub grids_skipped: u64,
@@ -87,6 +88,12 @@ pub struct PlanReport {
     pub chosen: i32,
     /// Targets.
     pub targets: Vec<TargetPlan>,
+    /// Why the path is empty, as [`crate::StopReason`] names it; empty if there is one.
+    pub reason: String,
+    /// The evidence, for people.
+    pub detail: String,
+    /// Messages that could not be used since the planner began.
+    pub rejected: Vec<Rejection>,
 }
 
 impl Message for PlanReport {
@@ -96,9 +103,9 @@ impl Message for PlanReport {
 /// A pose in the plane. Vehicle frame unless the message that holds it says otherwise.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct PlanarPose {
-    /// Forward.
+    /// Forward in the vehicle frame.
     pub x_m: f32,
-    /// Left.
+    /// Left in the vehicle frame.
     pub y_m: f32,
     /// Counter-clockwise.
     pub yaw_rad: f32,
@@ -106,6 +113,21 @@ pub struct PlanarPose {
 
 impl Message for PlanarPose {
     const TYPE_NAME: &'static str = "swath_msgs/msg/PlanarPose";
+}
+
+/// Messages of one topic that a planner could not use, for one cause.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Rejection {
+    /// Last part of the key: grid, odom, tf, reference, targets, or weights.
+    pub topic: String,
+    /// The same words for all messages with this cause.
+    pub cause: String,
+    /// Since the planner began.
+    pub messages: u64,
+}
+
+impl Message for Rejection {
+    const TYPE_NAME: &'static str = "swath_msgs/msg/Rejection";
 }
 
 /// One labelled training sample, reproducible from seed and index.

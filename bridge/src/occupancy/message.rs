@@ -6,13 +6,51 @@
 use super::resample::Source;
 use super::{OCCUPIED, Occupancy, UNKNOWN};
 use crate::Error;
-use crate::geometry::{GridSpec, MAX_GRID_SIDE_CELLS};
+use crate::geometry::{GridSpec, MAX_GRID_SIDE_CELLS, Pose2};
 use crate::msg::geometry::{Point, Pose, Quaternion};
 use crate::msg::header::Header;
 use crate::msg::nav::{MapMetaData, OccupancyGrid};
+use crate::poses::pose_of_ros;
+use crate::transforms::{MAX_DISTANCE_M, MAX_TILT_DEG, tilt_deg};
 
-/// Most that an origin may be turned, as the length of its quaternion's vector part.
-const MAX_TURN: f64 = 1e-4;
+/// Least turn between two grids that counts, radians: over 4096 cells, one of less moves the last one by
+/// a fifth of a cell.
+const LEAST_TURN_RAD: f64 = 5e-5;
+
+/// What about a grid's message cannot be worked with.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub enum GridFault {
+    /// Sides of no or too many cells, or data of another length.
+    Size,
+    /// The side of a cell.
+    Resolution,
+    /// The origin is not finite, too far away or no pose.
+    Origin,
+    /// The origin is tilted out of the plane.
+    Tilted,
+    /// A value of a cell.
+    Value,
+    /// The vehicle is not on the grid, or the grid is turned against it, where neither is allowed.
+    Place,
+}
+
+impl GridFault {
+    /// The same words for all grids with this fault.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Size => "the size cannot be worked with",
+            Self::Resolution => "the resolution is out of range",
+            Self::Origin => "the origin is not a pose nearby",
+            Self::Tilted => "the origin is tilted",
+            Self::Value => "a cell's value is out of range",
+            Self::Place => "the vehicle does not stand along it",
+        }
+    }
+}
+
+fn unusable<T>(fault: GridFault, what: String) -> Result<T, Error> {
+    Err(Error::UnusableGrid { fault, what })
+}
 
 impl Occupancy {
     /// The message that says the same.
@@ -55,98 +93,158 @@ impl Occupancy {
         }
     }
 
-    /// What a message says on the grid of `spec`.
+    /// What a message in the vehicle's frame says on the grid of `spec`.
+    ///
+    /// # Errors
+    /// As [`Occupancy::from_message_in`].
+    pub fn from_message(message: &OccupancyGrid, spec: &GridSpec) -> Result<Self, Error> {
+        Self::from_message_in(message, spec, &Pose2::default())
+    }
+
+    /// What a message in a frame that lies so in the vehicle's says on the grid of `spec`. Its origin
+    /// may be turned in its frame, too.
     ///
     /// Where the message's cells are those of `spec` this is exact. Else a cell is as occupied as the
     /// most occupied of the message's cells that it overlaps, and unknown if one of them is unknown
     /// and none is occupied. Cells that the message does not cover are unknown.
     ///
     /// # Errors
-    /// [`Error::InvalidGrid`] says what about the message cannot be worked with: sizes that are zero,
-    /// too large or do not fit the data, a resolution or origin that is not finite, a turned origin,
-    /// values above 100.
-    pub fn from_message(message: &OccupancyGrid, spec: &GridSpec) -> Result<Self, Error> {
+    /// [`Error::UnusableGrid`] says what about the message cannot be worked with: sizes that are zero,
+    /// too large or do not fit the data, a resolution or origin that is not finite, an origin that is
+    /// tilted by more than [`MAX_TILT_DEG`], values outside −1 to 100. [`Error::InvalidGrid`] as
+    /// [`GridSpec::validate`].
+    pub fn from_message_in(
+        message: &OccupancyGrid,
+        spec: &GridSpec,
+        vehicle_from_frame: &Pose2,
+    ) -> Result<Self, Error> {
         spec.validate()?;
-        Ok(checked(message)?.resampled(spec))
+        let (mut source, frame_from_source) = checked(message)?;
+        let vehicle_from_source = vehicle_from_frame.then(&frame_from_source);
+        if !vehicle_from_source.is_finite() {
+            return unusable(
+                GridFault::Origin,
+                format!("its frame is at {vehicle_from_frame:?}, which is not finite"),
+            );
+        }
+        if vehicle_from_source.yaw_rad.abs() >= LEAST_TURN_RAD {
+            return Ok(source.turned(spec, &vehicle_from_source));
+        }
+        source.origin_m = (vehicle_from_source.x_m, vehicle_from_source.y_m);
+        Ok(source.resampled(spec))
     }
 
-    /// What a message says on a grid of the message's own size and resolution.
+    /// What a message in the vehicle's frame says on a grid of the message's own size and resolution.
     ///
     /// # Errors
-    /// As [`Occupancy::from_message`], and where the vehicle's origin is off the grid.
+    /// As [`Occupancy::from_message`], and where the vehicle's origin is off the grid, or the grid is
+    /// turned against the vehicle.
     pub fn from_message_as_is(message: &OccupancyGrid) -> Result<Self, Error> {
-        let source = checked(message)?;
+        let (source, origin) = checked(message)?;
+        if origin.yaw_rad.abs() >= LEAST_TURN_RAD {
+            return unusable(
+                GridFault::Place,
+                format!(
+                    "its origin is turned by {:.3} rad, expected axes along the vehicle's",
+                    origin.yaw_rad
+                ),
+            );
+        }
         Ok(source.resampled(&source.own_spec()?))
     }
 }
 
-fn checked(message: &OccupancyGrid) -> Result<Source<'_>, Error> {
+/// The cells of a message that can be worked with, and the pose of their corner in the message's frame.
+fn checked(message: &OccupancyGrid) -> Result<(Source<'_>, Pose2), Error> {
     let info = &message.info;
-    let invalid = |what: String| Err(Error::InvalidGrid { what });
     let sides = 1..=MAX_GRID_SIDE_CELLS;
     if !sides.contains(&info.width) || !sides.contains(&info.height) {
-        return invalid(format!(
-            "{} x {} cells, expected 1 to {MAX_GRID_SIDE_CELLS} a side",
-            info.width, info.height
-        ));
+        return unusable(
+            GridFault::Size,
+            format!(
+                "{} x {} cells, expected 1 to {MAX_GRID_SIDE_CELLS} a side",
+                info.width, info.height
+            ),
+        );
     }
     let wanted = info.width as usize * info.height as usize;
     if message.data.len() != wanted {
-        return invalid(format!(
-            "{} x {} cells need {wanted} values, found {}",
-            info.width,
-            info.height,
-            message.data.len()
-        ));
+        return unusable(
+            GridFault::Size,
+            format!(
+                "{} x {} cells need {wanted} values, found {}",
+                info.width,
+                info.height,
+                message.data.len()
+            ),
+        );
     }
     if !(info.resolution >= 0.001 && info.resolution <= 100.0) {
-        return invalid(format!(
-            "resolution {} m, expected 0.001 to 100 m a cell",
-            info.resolution
-        ));
+        return unusable(
+            GridFault::Resolution,
+            format!(
+                "resolution {} m, expected 0.001 to 100 m a cell",
+                info.resolution
+            ),
+        );
     }
-    let Pose {
-        position,
-        orientation,
-    } = &info.origin;
-    if !(position.x.is_finite() && position.y.is_finite()) {
-        return invalid(format!(
-            "origin ({}, {}) is not finite",
-            position.x, position.y
-        ));
-    }
-    if !is_unturned(orientation) {
-        return invalid(format!(
-            "origin is turned (quaternion {} {} {} {}), expected axes along the vehicle's",
-            orientation.x, orientation.y, orientation.z, orientation.w
-        ));
-    }
+    let origin = checked_origin(&info.origin)?;
     if let Some(index) = message
         .data
         .iter()
         .position(|value| !(UNKNOWN..=OCCUPIED).contains(value))
     {
-        return invalid(format!(
-            "value {} at index {index}, expected -1 to 100",
-            message.data[index]
-        ));
+        return unusable(
+            GridFault::Value,
+            format!(
+                "value {} at index {index}, expected -1 to 100",
+                message.data[index]
+            ),
+        );
     }
-    Ok(Source {
+    let source = Source {
         cells: &message.data,
         width: info.width,
         height: info.height,
         resolution_m: shortest_decimal(info.resolution),
-        origin_m: (position.x, position.y),
-    })
+        origin_m: (origin.x_m, origin.y_m),
+    };
+    Ok((source, origin))
 }
 
-/// All zeros, which many publishers leave there, count as no turn.
-fn is_unturned(orientation: &Quaternion) -> bool {
+/// The origin in the plane. All zeros, which many publishers leave as orientation, count as no turn.
+fn checked_origin(origin: &Pose) -> Result<Pose2, Error> {
+    let Pose {
+        position,
+        orientation,
+    } = origin;
+    let is_near = |value: f64| value.abs() <= MAX_DISTANCE_M;
+    if !(is_near(position.x) && is_near(position.y)) {
+        return unusable(
+            GridFault::Origin,
+            format!(
+                "origin ({}, {}) is not finite or too far away",
+                position.x, position.y
+            ),
+        );
+    }
     let Quaternion { x, y, z, w } = orientation;
-    let vector = [x, y, z].map(|part| part.abs());
-    let all_zero = w.abs() == 0.0 && vector == [0.0; 3];
-    all_zero
-        || (w.is_finite() && w.abs() > 0.5 && vector.iter().all(|part| *part < MAX_TURN * w.abs()))
+    let Some(tilt_deg) = tilt_deg(orientation) else {
+        return unusable(
+            GridFault::Origin,
+            format!("the quaternion {x} {y} {z} {w} of its origin is no rotation"),
+        );
+    };
+    if tilt_deg > MAX_TILT_DEG {
+        return unusable(
+            GridFault::Tilted,
+            format!(
+                "origin is tilted by {tilt_deg:.0} degrees (quaternion {x} {y} {z} {w}), expected at \
+                 most {MAX_TILT_DEG}"
+            ),
+        );
+    }
+    Ok(pose_of_ros(origin))
 }
 
 /// The number that was meant: 0.2 rather than the nearest f32 to it, 0.20000000298, whose error adds
@@ -230,8 +328,103 @@ mod tests {
         assert!(spoilt(&|m| m.info.height = 0).contains("a side"));
         assert!(spoilt(&|m| m.info.resolution = f32::NAN).contains("resolution"));
         assert!(spoilt(&|m| m.info.origin.position.y = f64::INFINITY).contains("finite"));
-        assert!(spoilt(&|m| m.info.origin.orientation.z = 0.2).contains("turned"));
+        assert!(spoilt(&|m| m.info.origin.position.x = 1e12).contains("far"));
+        assert!(spoilt(&|m| m.info.origin.orientation.x = 0.5).contains("tilted by 53"));
+        assert!(spoilt(&|m| m.info.origin.orientation.x = 1e9).contains("tilted by 180"));
+        assert!(spoilt(&|m| m.info.origin.orientation.w = f64::NAN).contains("no rotation"));
         assert!(spoilt(&|m| m.data[3] = 101).contains("index 3"));
+    }
+
+    #[test]
+    fn a_grid_of_its_own_size_must_not_be_turned() {
+        let mut message =
+            Occupancy::filled(GridSpec::default(), FREE).to_message(Header::at(0, "b"));
+        message.info.origin.orientation.z = 0.2;
+        let error = Occupancy::from_message_as_is(&message)
+            .unwrap_err()
+            .to_string();
+        assert!(error.contains("turned by 0.395 rad"), "{error}");
+        assert!(Occupancy::from_message(&message, &GridSpec::default()).is_ok());
+    }
+
+    #[test]
+    fn quarter_turns_move_cells_onto_cells() {
+        let spec = GridSpec {
+            rows: 21,
+            cols: 21,
+            resolution_m: 0.5,
+            ego_row: 10,
+            ego_col: 10,
+        };
+        let mut occupancy = Occupancy::filled(spec, FREE);
+        // Two cells ahead, five to the left.
+        occupancy.set(Cell::new(8, 5), OCCUPIED);
+        occupancy.set(Cell::new(3, 10), UNKNOWN);
+        let message = occupancy.to_message(Header::at(0, "odom"));
+        // The frame is turned to the left against the vehicle: what is ahead in it is to the left.
+        for (quarters, cell, unknown) in [
+            (1.0, Cell::new(15, 8), Cell::new(10, 3)),
+            (2.0, Cell::new(12, 15), Cell::new(17, 10)),
+            (3.0, Cell::new(5, 12), Cell::new(10, 17)),
+        ] {
+            let turn = Pose2::new(0.0, 0.0, quarters * std::f64::consts::FRAC_PI_2);
+            let seen = Occupancy::from_message_in(&message, &spec, &turn).unwrap();
+            let mut expected = Occupancy::filled(spec, FREE);
+            expected.set(cell, OCCUPIED);
+            expected.set(unknown, UNKNOWN);
+            assert_eq!(seen, expected, "{quarters} quarters");
+        }
+    }
+
+    #[test]
+    fn a_turn_grows_obstacles_by_no_more_than_a_cell_and_a_half() {
+        let spec = GridSpec {
+            rows: 61,
+            cols: 61,
+            resolution_m: 0.2,
+            ego_row: 30,
+            ego_col: 30,
+        };
+        let mut occupancy = Occupancy::filled(spec, FREE);
+        occupancy.set(Cell::new(20, 24), OCCUPIED);
+        let (x_m, y_m) = spec.centre_of(Cell::new(20, 24));
+        let message = occupancy.to_message(Header::at(0, "odom"));
+        for step in 0..63 {
+            let turn = Pose2::new(0.03, -0.07, 0.1 * f64::from(step));
+            let seen = Occupancy::from_message_in(&message, &spec, &turn).unwrap();
+            let there = turn.then(&Pose2::new(x_m, y_m, 0.0));
+            assert_eq!(seen.get(spec.cell_at(there.x_m, there.y_m)), Some(OCCUPIED));
+            for (index, value) in seen.cells.iter().enumerate() {
+                let (x_m, y_m) = spec.centre_of(spec.cell_of_index(index));
+                let away_m = Pose2::new(x_m, y_m, 0.0).distance_m(&there);
+                assert!(
+                    *value != OCCUPIED || away_m <= 2f64.sqrt() * 0.2 + 1e-9,
+                    "{away_m} m"
+                );
+            }
+        }
+    }
+
+    #[test]
+    fn an_origin_that_is_turned_is_the_same_as_a_frame_that_is() {
+        let mut occupancy = Occupancy::filled(GridSpec::default(), FREE);
+        occupancy.set(Cell::new(100, 75), OCCUPIED);
+        let message = occupancy.to_message(Header::at(0, "odom"));
+        let frame = Pose2::new(2.0, -1.0, 0.7);
+        let in_frame = Occupancy::from_message_in(&message, &GridSpec::default(), &frame).unwrap();
+        let mut moved = message.clone();
+        moved.info.origin = crate::poses::ros_pose(&frame.then(&pose_of_ros(&message.info.origin)));
+        let in_origin = Occupancy::from_message(&moved, &GridSpec::default()).unwrap();
+        assert_eq!(in_frame, in_origin);
+        // A quaternion that is not of length one turns as much.
+        for part in [
+            &mut moved.info.origin.orientation.z,
+            &mut moved.info.origin.orientation.w,
+        ] {
+            *part *= 3.0;
+        }
+        let scaled = Occupancy::from_message(&moved, &GridSpec::default()).unwrap();
+        assert_eq!(scaled, in_origin);
     }
 
     proptest! {
@@ -246,17 +439,61 @@ mod tests {
         fn no_obstacle_is_lost_on_any_other_grid(
             occupancy in grid(),
             resolution_m in 0.05..3.0f64,
-            (dx, dy) in (-2.0..2.0f64, -2.0..2.0f64),
+            (dx, dy, yaw_rad) in (-2.0..2.0f64, -2.0..2.0f64, prop_oneof![Just(0.0), -3.2..3.2f64]),
         ) {
-            let mut message = occupancy.to_message(Header::at(0, "base_link"));
-            message.info.origin.position.x += dx;
-            message.info.origin.position.y += dy;
+            let message = occupancy.to_message(Header::at(0, "odom"));
+            let frame = Pose2::new(dx, dy, yaw_rad);
             let spec = GridSpec { rows: 60, cols: 60, resolution_m, ego_row: 30, ego_col: 30 };
-            let there = Occupancy::from_message(&message, &spec).unwrap();
+            let there = Occupancy::from_message_in(&message, &spec, &frame).unwrap();
+            // Wherever a point of an occupied cell is, the cell that it is in there is as occupied. Points on
+            // the very edge may be in either of two cells.
+            let within_m = 0.498 * occupancy.spec.resolution_m;
             for (index, value) in occupancy.cells.iter().enumerate() {
                 let (x_m, y_m) = occupancy.spec.centre_of(occupancy.spec.cell_of_index(index));
-                if let Some(found) = there.get(spec.cell_at(x_m + dx, y_m + dy)) {
-                    prop_assert!(*value < super::super::OCCUPIED_THRESHOLD || found >= *value);
+                for (sx, sy) in [(0.0, 0.0), (1.0, 1.0), (1.0, -1.0), (-1.0, 1.0), (-1.0, -1.0)] {
+                    let point = Pose2::new(x_m + sx * within_m, y_m + sy * within_m, 0.0);
+                    let point = frame.then(&point);
+                    let cell = spec.cell_at(point.x_m, point.y_m);
+                    let (cx, cy) = spec.centre_of(cell);
+                    let inside = (point.x_m - cx).abs().max((point.y_m - cy).abs());
+                    if inside > 0.49 * resolution_m {
+                        continue;
+                    }
+                    if let Some(found) = there.get(cell) {
+                        prop_assert!(*value < super::super::OCCUPIED_THRESHOLD || found >= *value);
+                        prop_assert!(*value >= 0 || found < 0 || found >= super::super::OCCUPIED_THRESHOLD);
+                    }
+                }
+            }
+        }
+
+        #[test]
+        fn turned_cells_are_the_worst_of_those_that_they_overlap(
+            occupancy in grid(),
+            resolution_m in 0.1..2.0f64,
+            (dx, dy, yaw_rad) in (-2.0..2.0f64, -2.0..2.0f64, 0.01..6.2f64),
+        ) {
+            let message = occupancy.to_message(Header::at(0, "odom"));
+            let frame = Pose2::new(dx, dy, yaw_rad);
+            let spec = GridSpec { rows: 20, cols: 20, resolution_m, ego_row: 10, ego_col: 10 };
+            let seen = Occupancy::from_message_in(&message, &spec, &frame).unwrap();
+            let back = frame.inverse();
+            for (index, found) in seen.cells.iter().enumerate() {
+                let (x_m, y_m) = spec.centre_of(spec.cell_of_index(index));
+                // Samples of a square cannot find more than it overlaps.
+                let mut values = Vec::new();
+                for k in -10..=10 {
+                    for l in -10..=10 {
+                        let step_m = 0.0498 * resolution_m;
+                        let at = Pose2::new(x_m + f64::from(k) * step_m, y_m + f64::from(l) * step_m, 0.0);
+                        let at = back.then(&at);
+                        values.extend(occupancy.get(occupancy.spec.cell_at(at.x_m, at.y_m)));
+                    }
+                }
+                let most = values.iter().copied().max();
+                if let Some(most) = most {
+                    prop_assert!(most < super::super::OCCUPIED_THRESHOLD || *found >= most);
+                    prop_assert!(*found != FREE || values.iter().all(|value| *value == FREE));
                 }
             }
         }

@@ -5,7 +5,7 @@ use crate::Error;
 use crate::geometry::GridSpec;
 
 /// Most that two grids may be apart, in cells, for their cells to count as the same.
-const ALIGNED_CELLS: f64 = 1e-3;
+pub(super) const ALIGNED_CELLS: f64 = 1e-3;
 
 /// Cells as others store them: the index runs along x first, both axes grow, and the origin is the
 /// corner of the first cell.

@@ -61,6 +61,7 @@ pub(super) fn full_type_name(name: &str) -> String {
 fn qos_profile(qos: Qos) -> String {
     let (depth, reliability, durability) = match qos {
         Qos::Durable | Qos::Latched => (1, "reliable", "transient_local"),
+        Qos::Kept => (100, "reliable", "transient_local"),
         Qos::Newest => (1, "best_effort", "volatile"),
         Qos::Block => (100, "reliable", "volatile"),
         Qos::Interactive | Qos::Lossy => (10, "best_effort", "volatile"),

@@ -6,8 +6,8 @@ use std::sync::Arc;
 use super::channel::{CDR, Channel};
 use crate::Error;
 use crate::cdr;
-use crate::msg::Message;
 use crate::msg::header::Header;
+use crate::msg::{Message, schema_of};
 
 /// A message of a recording, still encoded.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -59,8 +59,16 @@ impl RawMessage {
         }
         self.check_encoding()
             .and_then(|()| {
-                cdr::from_slice(&self.payload)
-                    .map_err(|error| format!("not a {}: {error}", M::TYPE_NAME))
+                cdr::from_slice(&self.payload).map_err(|error| {
+                    let what = format!("not a {}: {error}", M::TYPE_NAME);
+                    match self.other_definition(M::TYPE_NAME) {
+                        Some(difference) => format!(
+                            "{what}; the recording was made with another definition of it \
+                             ({difference}): read it with the version of swath that wrote it"
+                        ),
+                        None => what,
+                    }
+                })
             })
             .map_err(|what| self.bad(&what))
     }
@@ -99,6 +107,23 @@ impl RawMessage {
         ))
     }
 
+    /// How the recording's definition of a type differs from the one that is decoded here, if it does.
+    fn other_definition(&self, type_name: &str) -> Option<String> {
+        let recorded = std::str::from_utf8(&self.channel.schema).ok()?;
+        let known = schema_of(type_name)?;
+        let (recorded, known) = (fields_of(recorded), fields_of(&known));
+        if recorded.is_empty() || recorded == known {
+            return None;
+        }
+        let lacks = known.iter().find(|field| !recorded.contains(field));
+        let has = recorded.iter().find(|field| !known.contains(field));
+        Some(match (lacks, has) {
+            (Some(field), _) => format!("it lacks {field:?}"),
+            (None, Some(field)) => format!("it has {field:?}"),
+            (None, None) => "its fields have another order".to_owned(),
+        })
+    }
+
     fn bad(&self, what: &str) -> Error {
         Error::BadRecording {
             path: self.path.to_path_buf(),
@@ -106,6 +131,17 @@ impl RawMessage {
             what: format!("{}: {what}", self.topic),
         }
     }
+}
+
+/// The fields of all types of a schema, without comments, constants and spaces that do not matter.
+fn fields_of(schema: &str) -> Vec<String> {
+    let lines = schema
+        .lines()
+        .filter_map(|line| line.split('#').next())
+        .filter(|line| !line.contains('=') && !line.trim().is_empty());
+    lines
+        .map(|line| line.split_whitespace().collect::<Vec<_>>().join(" "))
+        .collect()
 }
 
 /// A message, but for the place where it was found.

@@ -422,3 +422,42 @@ proptest! {
         let _ = read(&file);
     }
 }
+
+#[test]
+fn a_message_of_an_older_definition_is_refused_and_says_what_it_lacks() {
+    let type_name = "swath_msgs/msg/PlanReport";
+    let definition = crate::msg::schema_of(type_name).unwrap();
+    let lacking: Vec<&str> = definition
+        .lines()
+        .filter(|line| !line.starts_with("string reason"))
+        .collect();
+    let mut bytes = Vec::new();
+    let mut writer = mcap::Writer::new(Cursor::new(&mut bytes)).unwrap();
+    let schema = writer
+        .add_schema(type_name, "ros2msg", lacking.join("\n").as_bytes())
+        .unwrap();
+    let topic = "/swath/vehicle/v/plan";
+    let channel = writer
+        .add_channel(schema, topic, "cdr", &BTreeMap::new())
+        .unwrap();
+    let header = MessageHeader {
+        channel_id: channel,
+        sequence: 0,
+        log_time: 1,
+        publish_time: 1,
+    };
+    writer
+        .write_to_known_channel(&header, &[0, 1, 0, 0, 9, 9])
+        .unwrap();
+    writer.finish().unwrap();
+    drop(writer);
+    let (messages, error) = read(&bytes);
+    assert!(error.is_none(), "{error:?}");
+    let decoded = messages[0].decode::<crate::msg::swath::PlanReport>();
+    let error = decoded.unwrap_err().to_string();
+    assert!(error.contains("another definition"), "{error}");
+    assert!(error.contains("it lacks \"string reason\""), "{error}");
+    // The right definition with a broken payload says nothing of the kind.
+    let error = messages[0].decode::<PoseArray>().unwrap_err().to_string();
+    assert!(!error.contains("another definition"), "{error}");
+}

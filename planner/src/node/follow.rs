@@ -1,10 +1,10 @@
 //! From frame to frame: where a path is to begin, which one is followed, and until when.
 
 use serde::{Deserialize, Serialize};
-use swath_bridge::msg::nav::Odometry;
 use swath_bridge::{GridSpec, Pose2, Vehicle};
 
 use super::course::{Course, Kept};
+use super::frames::Read;
 use super::track::{Moment, Track};
 use crate::choice::ChoiceConfig;
 use crate::frame::Start;
@@ -111,8 +111,19 @@ impl Follower {
         }
     }
 
-    pub(super) fn take_odom(&mut self, odom: &Odometry) -> Option<Moment> {
-        self.track.take(odom)
+    /// Takes note of where the vehicle was. If that is in other frames than before, what was known is
+    /// forgotten.
+    pub(super) fn take(&mut self, odometry: Read) {
+        if odometry.is_anew {
+            self.track.clear();
+            self.course = None;
+        }
+        self.track.take(odometry.moment);
+    }
+
+    /// Where the vehicle was at a time and how it moved; at time 0, as far as it is known.
+    pub(super) fn moment_at(&self, stamp_nanos: u64) -> Option<Moment> {
+        self.track.at(stamp_nanos)
     }
 
     /// Where paths for a grid are to begin: on the path that is followed if it is still free, else where

@@ -89,7 +89,7 @@ mod tests {
             targets: 50 * frames,
             solved: 40 * frames,
             stops: 0,
-            stops_by_cause: Vec::new(),
+            stops_by_reason: Vec::new(),
             latency_ms: Some(20.0),
         }
     }

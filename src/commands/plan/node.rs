@@ -25,7 +25,20 @@ pub(super) fn run(
     network: &NetworkOptions,
     config: &Config,
 ) -> Result<(), Failure> {
-    let initial = network_of(options, config)?.map(|network| ServedNetwork {
+    let network_used = network_of(options, config)?;
+    // One that was asked for by name is not put aside in silence.
+    if let (Some(path), Some(network)) = (&options.weights, &network_used) {
+        let wanted = network.info().spec;
+        if wanted != config.grid {
+            return Err(anyhow::Error::new(swath_planner::Error::GridMismatch {
+                got: config.grid,
+                wanted,
+            })
+            .context(path.display().to_string())
+            .into());
+        }
+    }
+    let initial = network_used.map(|network| ServedNetwork {
         network,
         run: String::new(),
         version: 0,
@@ -52,6 +65,14 @@ pub(super) fn run(
         summary.weights,
         summary.rejected
     );
+    for rejection in &summary.rejections {
+        tracing::info!(
+            "not used: {} messages on {}: {}",
+            rejection.messages,
+            rejection.topic,
+            rejection.cause
+        );
+    }
     Ok(())
 }
 
@@ -68,6 +89,7 @@ fn node_config(options: &PlanOptions, config: &Config) -> NodeConfig {
         targets: config.targets,
         plan,
         follow: config.follow,
+        frames: config.frames.clone(),
         run: "*".to_owned(),
         trusted: Vec::new(),
         shares_vehicle: options.share_vehicle,
@@ -79,10 +101,13 @@ fn node_config(options: &PlanOptions, config: &Config) -> NodeConfig {
 struct Tally {
     planned: u64,
     stopped: u64,
+    /// Why the path is empty now; empty while there is one.
+    reason: String,
 }
 
 impl Tally {
     fn add(&mut self, report: &PlanReport) {
+        self.reason.clone_from(&report.reason);
         // A report without a frame says why there is none.
         if report.frame > 0 {
             self.planned += 1;
@@ -102,10 +127,17 @@ fn standing(
         let tally = tally.lock().unwrap_or_else(PoisonError::into_inner);
         let per_second = pace.per_second(tally.planned);
         if tally.planned == 0 {
-            return waits.clone();
+            return match tally.reason.as_str() {
+                "" => waits.clone(),
+                reason => format!("{waits}: {reason}"),
+            };
         }
+        let now = match tally.reason.as_str() {
+            "" => String::new(),
+            reason => format!(" (now: {reason})"),
+        };
         format!(
-            "{} frames planned, {} a second, {} solved, {} stopped",
+            "{} frames planned, {} a second, {} solved, {} stopped{now}",
             human::count(tally.planned),
             human::rate(per_second),
             human::count(tally.planned - tally.stopped),
@@ -124,8 +156,11 @@ fn advised(error: Error) -> anyhow::Error {
     error.into()
 }
 
-/// One line about a planned frame.
+/// One line about a planned frame, or why there is none.
 fn describe(report: &PlanReport) -> String {
+    if report.frame == 0 {
+        return format!("stop: {}", why(report));
+    }
     let solved = report
         .targets
         .iter()
@@ -140,10 +175,18 @@ fn describe(report: &PlanReport) -> String {
         solved.count(),
         report.targets.len(),
         match report.chosen {
-            -1 => "stop".to_owned(),
+            -1 => format!("stop: {}", report.reason),
             number => format!("to number {number}"),
         },
         report.network_ms,
         report.search_ms,
     )
+}
+
+/// Why a path is empty, with the evidence.
+fn why(report: &PlanReport) -> String {
+    if report.detail.is_empty() {
+        return report.reason.clone();
+    }
+    format!("{}: {}", report.reason, report.detail)
 }
