@@ -130,7 +130,7 @@ fn no_command_overwrites_a_recording_unless_forced() {
         ],
         &["evaluate", "--data", samples],
         &["bridge", "grids", log, mount],
-        &["bridge", "recover", samples],
+        &["bridge", "recover", log],
     ];
     for arguments in commands {
         for (out, is_unfinished) in [("whole.mcap", false), ("cut-too.mcap", true)] {
@@ -153,10 +153,10 @@ fn no_command_overwrites_a_recording_unless_forced() {
                 is_unfinished,
                 "{said}"
             );
-            assert_eq!(std::fs::read(&out).unwrap(), before, "{arguments:?}");
+            assert!(std::fs::read(&out).unwrap() == before, "{arguments:?}");
             let forced = [&with_out[..], &["--force"]].concat();
             swath().args(&forced).assert().success();
-            assert_ne!(std::fs::read(&out).unwrap(), before, "{arguments:?}");
+            assert!(std::fs::read(&out).unwrap() != before, "{arguments:?}");
             std::fs::remove_file(&out).unwrap();
         }
     }

@@ -226,9 +226,9 @@ fn encodings_that_cannot_be_read_are_named_for_each_topic() {
     let path = folder.path().join("log.mcap");
     let head = |second: u8| {
         let mut messages = log();
-        messages
-            .iter_mut()
-            .for_each(|message| message.payload[1] = second);
+        for message in &mut messages {
+            message.payload[1] = second;
+        }
         messages
     };
     for (encoding, messages, said) in [
@@ -249,9 +249,9 @@ fn encodings_that_cannot_be_read_are_named_for_each_topic() {
     }
     // Names of types that are none of ROS are listed with their encoding.
     let mut others = log();
-    others
-        .iter_mut()
-        .for_each(|message| message.type_name = "foxglove.LaserScan");
+    for message in &mut others {
+        message.type_name = "foxglove.LaserScan";
+    }
     foreign(&path, "protobuf", &others);
     let error = error_of(&path, &IngestConfig::default());
     assert!(

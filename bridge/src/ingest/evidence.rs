@@ -57,6 +57,7 @@ struct Now {
 
 /// How long evidence counts and how much of the world it covers.
 #[derive(Debug, Clone, Copy)]
+#[expect(clippy::struct_field_names, reason = "the names end in their unit")]
 pub(crate) struct Limits {
     /// Distance driven after which evidence is forgotten, metres.
     pub(crate) travel_m: f64,

@@ -78,7 +78,7 @@ impl FromStr for Mount {
                 let number = number.trim();
                 number
                     .parse()
-                    .map_err(|_| format!("{number:?} is no number"))
+                    .map_err(|_not_one| format!("{number:?} is no number"))
             })
             .collect();
         let parsed = parsed?;

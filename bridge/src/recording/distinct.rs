@@ -35,12 +35,11 @@ pub fn distinct(paths: &[PathBuf]) -> Result<Distinct, Error> {
                 break;
             }
         }
-        match twin {
-            Some(twin) => found.repeated.push((path.clone(), twin)),
-            None => {
-                known.push((path.clone(), len));
-                found.files.push(path.clone());
-            }
+        if let Some(twin) = twin {
+            found.repeated.push((path.clone(), twin));
+        } else {
+            known.push((path.clone(), len));
+            found.files.push(path.clone());
         }
     }
     Ok(found)

@@ -255,27 +255,23 @@ impl Salvage {
     }
 
     fn take(&mut self, kind: u8) -> Result<(), Error> {
-        match kind {
-            op::MESSAGE_INDEX => {
-                if self.has_lost_chunk {
-                    self.report.messages_lost += indexed_messages(&self.body);
-                }
+        if kind == op::MESSAGE_INDEX {
+            if self.has_lost_chunk {
+                self.report.messages_lost += indexed_messages(&self.body);
             }
-            _ => {
-                let taken = self.definitions.take(kind, &self.body, &|_| true);
-                self.has_lost_chunk = false;
-                match taken {
-                    Ok(None) => {}
-                    Ok(Some(found)) => {
-                        self.report.messages += 1;
-                        self.writer.copy(&found.at(self.place(), &self.path))?;
-                    }
-                    Err(what) => {
-                        self.damaged(&what);
-                        self.report.messages_lost += u64::from(kind == op::MESSAGE);
-                        self.lose(u64::try_from(self.body.len()).unwrap_or(0));
-                    }
-                }
+            return Ok(());
+        }
+        self.has_lost_chunk = false;
+        match self.definitions.take(kind, &self.body, &|_| true) {
+            Ok(None) => {}
+            Ok(Some(found)) => {
+                self.report.messages += 1;
+                self.writer.copy(&found.at(self.place(), &self.path))?;
+            }
+            Err(what) => {
+                self.damaged(&what);
+                self.report.messages_lost += u64::from(kind == op::MESSAGE);
+                self.lose(u64::try_from(self.body.len()).unwrap_or(0));
             }
         }
         Ok(())
@@ -304,7 +300,7 @@ impl Salvage {
         let is_closed = body_len >= head.head_len && body_len <= left;
         let is_plausible = head.packed_len > 0 || body_len == head.head_len;
         if is_closed && is_plausible && head.packed_len <= body_len - head.head_len {
-            self.take_whole_chunk(body_len, head)?;
+            self.take_whole_chunk(body_len, &head)?;
             return self.go_on(body_len);
         }
         // Place-holders, or a cut: the records themselves say where they end.
@@ -348,11 +344,11 @@ impl Salvage {
     }
 
     /// Copies the messages of a chunk that is all there, if it can be trusted.
-    fn take_whole_chunk(&mut self, body_len: u64, head: ChunkHead) -> Result<(), Error> {
+    fn take_whole_chunk(&mut self, body_len: u64, head: &ChunkHead) -> Result<(), Error> {
         let records = self.offset + 9 + head.head_len;
         let before = self.report.messages + self.report.messages_lost;
         let mut body = std::mem::take(&mut self.body);
-        let opened = open_whole(&mut self.source, &head, records, &mut body);
+        let opened = open_whole(&mut self.source, head, records, &mut body);
         self.body = body;
         let damage = match opened {
             Ok(opened) => self.copy_chunk(opened.unpacker)?.1,
@@ -364,8 +360,8 @@ impl Salvage {
             return Ok(());
         };
         let has_taken = self.report.messages + self.report.messages_lost > before;
-        if !has_taken && has_place_holders(&head) {
-            return self.take_beginning(&head, head.packed_len, &what);
+        if !has_taken && has_place_holders(head) {
+            return self.take_beginning(head, head.packed_len, &what);
         }
         self.damaged(&what);
         self.lose(body_len);

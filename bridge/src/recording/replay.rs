@@ -265,13 +265,12 @@ impl Plan {
         for message in &mut reader {
             let message = message?;
             times.add(message.log_nanos);
-            let is_wanted = match topics.get(&message.topic) {
-                Some(is_wanted) => *is_wanted,
-                None => {
-                    let is_wanted = options.wants(&message.topic);
-                    topics.insert(Arc::clone(&message.topic), is_wanted);
-                    is_wanted
-                }
+            let is_wanted = if let Some(is_wanted) = topics.get(&message.topic) {
+                *is_wanted
+            } else {
+                let is_wanted = options.wants(&message.topic);
+                topics.insert(Arc::clone(&message.topic), is_wanted);
+                is_wanted
             };
             if !is_wanted {
                 continue;

@@ -117,7 +117,9 @@ mod tests {
 
     fn times(of: &[u64]) -> LogTimes {
         let mut times = LogTimes::default();
-        of.iter().for_each(|nanos| times.add(*nanos));
+        for nanos in of {
+            times.add(*nanos);
+        }
         times
     }
 

@@ -30,7 +30,7 @@ pub(super) fn run(
     if let (Some(path), Some(network)) = (&options.weights, &network_used) {
         let wanted = network.info().spec;
         if wanted != config.grid {
-            return Err(anyhow::Error::new(swath_planner::Error::GridMismatch {
+            return Err(anyhow::Error::new(Error::GridMismatch {
                 got: config.grid,
                 wanted,
             })

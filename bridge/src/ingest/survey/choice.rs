@@ -55,7 +55,7 @@ pub(super) fn choose(
             ),
         });
     }
-    let sensors = mounted(sensors, path, config)?;
+    let sensors = mounted(&sensors, path, config)?;
     Ok(Chosen { sensors, odometry })
 }
 
@@ -155,7 +155,7 @@ fn named(collector: &Collector, name: &str, type_name: &str) -> Option<String> {
 
 /// Gives each sensor the mounting that is named for it.
 fn mounted(
-    sensors: Vec<(String, SensorKind)>,
+    sensors: &[(String, SensorKind)],
     path: &Path,
     config: &IngestConfig,
 ) -> Result<Vec<(String, SensorKind, Option<Mount>)>, Error> {

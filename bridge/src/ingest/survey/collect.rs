@@ -57,6 +57,20 @@ impl Topic {
     }
 }
 
+/// Why a message was not taken.
+enum Fault {
+    /// It is of no use by itself.
+    Unusable(String),
+    /// The log cannot be worked with.
+    Fatal(Error),
+}
+
+impl Fault {
+    fn unusable(cause: &Error) -> Self {
+        Self::Unusable(cause.to_string())
+    }
+}
+
 /// What has been found in a log.
 #[derive(Debug, Default)]
 pub(super) struct Collector {
@@ -93,15 +107,15 @@ impl Collector {
             TFMessage::TYPE_NAME => self.take_transforms(message),
             PointCloud2::TYPE_NAME => self.take_points(&mut topic, message, path),
             LaserScan::TYPE_NAME => self.take_scan(&mut topic, message, path),
-            _ => Ok(Ok(())),
+            _ => Ok(()),
         };
         match taken {
-            Ok(Ok(())) => topic.usable += 1,
-            Ok(Err(cause)) => {
+            Ok(()) => topic.usable += 1,
+            Err(Fault::Unusable(cause)) => {
                 self.bad_messages += 1;
                 topic.cause.get_or_insert(cause);
             }
-            Err(error) => return Err(error),
+            Err(Fault::Fatal(error)) => return Err(error),
         }
         self.topics.insert(message.topic.to_string(), topic);
         Ok(())
@@ -115,37 +129,30 @@ impl Collector {
         }
     }
 
-    /// The inner error is that of a message which is of no use.
     fn take_odometry(
         &self,
         topic: &mut Topic,
         message: &RawMessage,
         path: &Path,
-    ) -> Result<Result<(), String>, Error> {
-        let odometry: Odometry = match message.decode() {
-            Ok(odometry) => odometry,
-            Err(error) => return Ok(Err(error.to_string())),
-        };
+    ) -> Result<(), Fault> {
+        let odometry: Odometry = message.decode().map_err(|error| Fault::unusable(&error))?;
         let stamp_nanos = odometry.header.stamp.nanos();
         let Some(fix) = Fix::of(&odometry, stamp_nanos) else {
-            return Ok(Err("a pose that is not finite".to_owned()));
+            return Err(Fault::Unusable("a pose that is not finite".to_owned()));
         };
         if topic.odometry.len() == MAX_POSES {
-            return Err(Error::BadFile {
+            return Err(Fault::Fatal(Error::BadFile {
                 path: path.to_owned(),
                 what: format!("{}: expected at most {MAX_POSES} messages", message.topic),
-            });
+            }));
         }
         topic.odometry.push((fix, self.mark(stamp_nanos, message)));
         topic.child_frame_id = odometry.child_frame_id;
-        Ok(Ok(()))
+        Ok(())
     }
 
-    fn take_transforms(&mut self, message: &RawMessage) -> Result<Result<(), String>, Error> {
-        let transforms: TFMessage = match message.decode() {
-            Ok(transforms) => transforms,
-            Err(error) => return Ok(Err(error.to_string())),
-        };
+    fn take_transforms(&mut self, message: &RawMessage) -> Result<(), Fault> {
+        let transforms: TFMessage = message.decode().map_err(|error| Fault::unusable(&error))?;
         let has_changed = self.transforms.is_changed_by(&transforms);
         let passed_over = self.transforms.insert(&transforms) as u64;
         if has_changed {
@@ -163,9 +170,9 @@ impl Collector {
         if passed_over > 0 {
             // One of the bad ones is counted by the caller.
             self.bad_messages += passed_over - 1;
-            return Ok(Err("a transform that is none".to_owned()));
+            return Err(Fault::Unusable("a transform that is none".to_owned()));
         }
-        Ok(Ok(()))
+        Ok(())
     }
 
     fn warn_of_transforms(&mut self) {
@@ -183,11 +190,9 @@ impl Collector {
         topic: &mut Topic,
         message: &RawMessage,
         path: &Path,
-    ) -> Result<Result<(), String>, Error> {
-        match message.header() {
-            Ok(header) => self.add_sweep(topic, message, &header, path).map(Ok),
-            Err(error) => Ok(Err(error.to_string())),
-        }
+    ) -> Result<(), Fault> {
+        let header = message.header().map_err(|error| Fault::unusable(&error))?;
+        self.add_sweep(topic, message, &header, path)
     }
 
     fn take_scan(
@@ -195,13 +200,10 @@ impl Collector {
         topic: &mut Topic,
         message: &RawMessage,
         path: &Path,
-    ) -> Result<Result<(), String>, Error> {
-        let scan: LaserScan = match message.decode() {
-            Ok(scan) => scan,
-            Err(error) => return Ok(Err(error.to_string())),
-        };
+    ) -> Result<(), Fault> {
+        let scan: LaserScan = message.decode().map_err(|error| Fault::unusable(&error))?;
         topic.habits.add(&scan);
-        self.add_sweep(topic, message, &scan.header, path).map(Ok)
+        self.add_sweep(topic, message, &scan.header, path)
     }
 
     fn add_sweep(
@@ -210,16 +212,16 @@ impl Collector {
         message: &RawMessage,
         header: &Header,
         path: &Path,
-    ) -> Result<(), Error> {
+    ) -> Result<(), Fault> {
         if topic.sweeps.is_empty() {
             topic.frame_id.clone_from(&header.frame_id);
         }
         let entry = self.index.entry(message, 0);
         let Some(entry) = entry.filter(|_| self.events < MAX_EVENTS) else {
-            return Err(Error::BadFile {
+            return Err(Fault::Fatal(Error::BadFile {
                 path: path.to_owned(),
                 what: format!("expected at most {MAX_EVENTS} messages of sensors"),
-            });
+            }));
         };
         self.events += 1;
         let mark = self.mark(header.stamp.nanos(), message);

@@ -8,7 +8,7 @@ use super::collect::{Collector, Sweep, Topic};
 use super::{Event, Of, Sensor, Survey};
 use crate::Error;
 use crate::ingest::config::{Clock, IngestConfig};
-use crate::ingest::drives::{Drive, Mark, Matches, drives_of, match_marks};
+use crate::ingest::drives::{Drive, MAX_DRIVES, Mark, Matches, drives_of, match_marks};
 use crate::ingest::odometry::Fix;
 use crate::recording::Log;
 use crate::recording::order::{Entry, OrderedReader};
@@ -61,109 +61,203 @@ pub(super) fn arrange(
     chosen: Chosen,
     of: Arrangement<'_>,
 ) -> Result<Survey, Error> {
-    let mut odometry = collector
-        .topics
-        .remove(&chosen.odometry)
-        .unwrap_or_default();
-    let times = Times::of(&odometry.odometry, of.config.clock);
-    let odometry_span = span_of(
-        odometry
-            .odometry
-            .iter()
-            .map(|(_, mark)| times.of_mark(*mark)),
-    );
-    let drives = drives(&mut odometry, times, (&chosen.odometry, &of))?;
     let mut warnings = of.log.warnings().to_vec();
     warnings.append(&mut collector.warnings);
-    if drives.len() > 1 {
-        warnings.push(format!(
-            "the times on {} begin again or pause: the log is {} drives, each with a map and a \
-             reference of its own",
-            chosen.odometry,
-            drives.len()
-        ));
-    }
+    let mut odometry = Odometry::of(&mut collector, chosen.odometry, &of)?;
+    warnings.extend(odometry.warning());
     let mut sensors = Vec::new();
     let mut found: Vec<Found> = Vec::new();
-    let mut apart = Vec::new();
+    let mut without: Vec<String> = Vec::new();
     for (topic, kind, mount) in chosen.sensors {
-        let mut of_topic = collector.topics.remove(&topic).unwrap_or_default();
-        let sweeps = std::mem::take(&mut of_topic.sweeps);
-        let marks: Vec<Mark> = sweeps
-            .iter()
-            .map(|sweep| times.of_mark(sweep.mark))
-            .collect();
-        let matches = match_marks(&drives, &marks);
         let number = u8::try_from(sensors.len()).unwrap_or(u8::MAX);
-        let events = events_of(&sweeps, &marks, &matches, Of::Sensor(number));
-        let matched = events.len() as u64;
-        if events.is_empty() {
-            let spans = Spans {
-                sensor: span_of(marks.iter().copied()),
-                odometry: odometry_span,
-            };
-            apart.push(spans.describe((&topic, of_topic.messages), &chosen.odometry, of.config));
+        let mut matched = odometry.match_sensor(
+            collector.topics.remove(&topic).unwrap_or_default(),
+            Of::Sensor(number),
+        );
+        if matched.events.is_empty() {
+            let what = odometry.no_pose(&topic, &matched, of.config.clock);
+            without.push(what);
         }
-        if matches.shifted > 0 {
-            warnings.push(shifted(&topic, &chosen.odometry, &matches));
+        if matched.shifted > 0 {
+            warnings.push(shifted(&topic, &odometry.name, matched.shifted));
         }
         sensors.push(Sensor {
             kind,
-            sweeps: of_topic.messages,
-            without_pose: of_topic.usable - matched,
-            frame_id: of_topic.frame_id,
+            sweeps: matched.topic.messages,
+            without_pose: matched.topic.usable - matched.events.len() as u64,
+            frame_id: std::mem::take(&mut matched.topic.frame_id),
             mounting: mount.map(|mount| mount.vehicle_from_sensor()),
-            is_limit_return: of_topic.habits.is_limit_return(),
+            is_limit_return: matched.topic.habits.is_limit_return(),
             topic,
         });
-        found.push(events);
+        found.push(matched.events);
     }
     if found.iter().all(Vec::is_empty) {
         return Err(Error::BadFile {
             path: of.path.to_owned(),
-            what: apart.join("; "),
+            what: without.join("; "),
         });
     }
-    warnings.append(&mut apart);
+    warnings.append(&mut without);
     lead(&sensors, &mut found);
-    found.push(transform_events(
-        &collector.transform_messages,
-        &drives,
-        times,
-    ));
+    found.push(odometry.match_transforms(&collector.transform_messages));
+    let events = in_order(found, &mut collector, of.path)?;
+    let topics: Vec<String> = sensors
+        .iter()
+        .map(|sensor| sensor.topic.clone())
+        .chain(transform_topics(&collector.topics))
+        .collect();
+    let wanted = move |topic: &str| topics.iter().any(|wanted| wanted == topic);
+    Ok(Survey {
+        sensors,
+        vehicle_frame: match std::mem::take(&mut odometry.child_frame_id) {
+            frame if frame.is_empty() => "base_link".to_owned(),
+            frame => frame,
+        },
+        odom_topic: odometry.name,
+        drives: odometry.drives,
+        transforms: collector.transforms,
+        messages: OrderedReader::new(of.log, collector.index, of.definitions, wanted),
+        events,
+        bad_messages: collector.bad_messages,
+        warnings,
+    })
+}
+
+/// Puts events in the order of drives and time, and their messages into the index.
+fn in_order(
+    found: Vec<Found>,
+    collector: &mut Collector,
+    path: &Path,
+) -> Result<Vec<Event>, Error> {
     let mut events: Found = found.into_iter().flatten().collect();
     events.sort_by_key(|(event, entry)| (event.drive, event.nanos, event.of, entry.place()));
     for (place, (_, entry)) in events.iter().enumerate() {
         let key = u64::try_from(place).unwrap_or(u64::MAX);
         if !collector.index.push(entry.with_key(key)) {
             return Err(Error::BadFile {
-                path: of.path.to_owned(),
+                path: path.to_owned(),
                 what: "too many messages of sensors and transforms".to_owned(),
             });
         }
     }
-    let topics: Vec<String> = sensors.iter().map(|sensor| sensor.topic.clone()).collect();
-    let transforms = transform_topics(&collector.topics);
-    let wanted = move |topic: &str| {
-        topics
-            .iter()
-            .chain(&transforms)
-            .any(|wanted| wanted == topic)
-    };
-    Ok(Survey {
-        sensors,
-        vehicle_frame: match odometry.child_frame_id {
-            frame if frame.is_empty() => "base_link".to_owned(),
-            frame => frame,
-        },
-        odom_topic: chosen.odometry,
-        drives,
-        transforms: collector.transforms,
-        messages: OrderedReader::new(of.log, collector.index, of.definitions, wanted),
-        events: events.into_iter().map(|(event, _)| event).collect(),
-        bad_messages: collector.bad_messages,
-        warnings,
-    })
+    Ok(events.into_iter().map(|(event, _)| event).collect())
+}
+
+/// The odometry of a log, and what is told by it.
+struct Odometry {
+    name: String,
+    child_frame_id: String,
+    times: Times,
+    span: Span,
+    drives: Vec<Drive>,
+}
+
+/// The sweeps of a sensor that have a pose.
+struct Matched {
+    topic: Topic,
+    span: Span,
+    events: Found,
+    shifted: u64,
+}
+
+impl Odometry {
+    fn of(collector: &mut Collector, name: String, of: &Arrangement<'_>) -> Result<Self, Error> {
+        let topic = collector.topics.remove(&name).unwrap_or_default();
+        let times = Times::of(&topic.odometry, of.config.clock);
+        let fixes: Vec<(Fix, Mark)> = topic
+            .odometry
+            .into_iter()
+            .map(|(fix, mark)| {
+                let mark = times.of_mark(mark);
+                let nanos = mark.nanos;
+                (Fix { nanos, ..fix }, mark)
+            })
+            .collect();
+        let span = span_of(fixes.iter().map(|(_, mark)| *mark));
+        let drives = drives_of(fixes).map_err(|count| Error::BadFile {
+            path: of.path.to_owned(),
+            what: format!(
+                "the times on {name} go back {count} times, expected at most {MAX_DRIVES}: are there two \
+                 senders, or no usable stamps (--clock record takes the times of recording)?"
+            ),
+        })?;
+        Ok(Self {
+            name,
+            child_frame_id: topic.child_frame_id,
+            times,
+            span,
+            drives,
+        })
+    }
+
+    fn warning(&self) -> Option<String> {
+        (self.drives.len() > 1).then(|| {
+            format!(
+                "the times on {} begin again: the log is {} drives, each with a map and a reference of \
+                 its own",
+                self.name,
+                self.drives.len()
+            )
+        })
+    }
+
+    fn match_sensor(&self, mut topic: Topic, of: Of) -> Matched {
+        let sweeps = std::mem::take(&mut topic.sweeps);
+        let marks = self.marks_of(&sweeps);
+        let matches = match_marks(&self.drives, &marks);
+        Matched {
+            topic,
+            span: span_of(marks.iter().copied()),
+            events: events_of(&sweeps, &marks, &matches, of),
+            shifted: matches.shifted,
+        }
+    }
+
+    fn marks_of(&self, sweeps: &[Sweep]) -> Vec<Mark> {
+        let marks = sweeps.iter().map(|sweep| self.times.of_mark(sweep.mark));
+        marks.collect()
+    }
+
+    /// Transforms belong to the drive that has a pose at their time, or else to the first one, where they
+    /// come before everything else: most are sent once and hold for the whole log.
+    fn match_transforms(&self, messages: &[Sweep]) -> Found {
+        let marks = self.marks_of(messages);
+        let matches = match_marks(&self.drives, &marks);
+        let all = messages.iter().zip(&marks).zip(&matches.drives);
+        all.map(|((sweep, mark), drive)| {
+            let event = Event {
+                drive: drive.unwrap_or(0),
+                nanos: if drive.is_some() { mark.nanos } else { 0 },
+                of: Of::Transforms,
+            };
+            (event, sweep.entry)
+        })
+        .collect()
+    }
+
+    /// Why not one sweep of a sensor has a pose.
+    fn no_pose(&self, topic: &str, matched: &Matched, clock: Clock) -> String {
+        let text = |span: Span| {
+            span.map_or("nothing".to_owned(), |(first, last)| {
+                format!("{:.3} s to {:.3} s", first as f64 / 1e9, last as f64 / 1e9)
+            })
+        };
+        let advice = match clock {
+            Clock::Stamp => {
+                ". Where they come from two clocks, --clock record takes the times of recording instead"
+            }
+            Clock::Record => "",
+        };
+        let name = &self.name;
+        format!(
+            "{name} has no pose at the time of any of the {} messages on {topic}: {topic} is from {}, \
+             {name} from {}{advice}",
+            matched.topic.messages,
+            text(matched.span),
+            text(self.span)
+        )
+    }
 }
 
 fn transform_topics(topics: &BTreeMap<String, Topic>) -> Vec<String> {
@@ -176,30 +270,6 @@ fn transform_topics(topics: &BTreeMap<String, Topic>) -> Vec<String> {
         .collect()
 }
 
-fn drives(
-    odometry: &mut Topic,
-    times: Times,
-    (name, of): (&str, &Arrangement<'_>),
-) -> Result<Vec<Drive>, Error> {
-    let fixes = std::mem::take(&mut odometry.odometry);
-    let fixes = fixes.into_iter().map(|(fix, mark)| {
-        let mark = times.of_mark(mark);
-        let fix = Fix {
-            nanos: mark.nanos,
-            ..fix
-        };
-        (fix, mark)
-    });
-    drives_of(fixes.collect()).map_err(|count| Error::BadFile {
-        path: of.path.to_owned(),
-        what: format!(
-            "the times on {name} go back {count} times, expected at most {}: are there two senders, or \
-             no usable stamps (--clock record takes the times of recording)?",
-            super::super::drives::MAX_DRIVES
-        ),
-    })
-}
-
 fn events_of(sweeps: &[Sweep], marks: &[Mark], matches: &Matches, of: Of) -> Found {
     let all = sweeps.iter().zip(marks).zip(&matches.drives);
     all.filter_map(|((sweep, mark), drive)| {
@@ -209,26 +279,6 @@ fn events_of(sweeps: &[Sweep], marks: &[Mark], matches: &Matches, of: Of) -> Fou
             of,
         };
         Some((event, sweep.entry))
-    })
-    .collect()
-}
-
-/// Transforms belong to the drive that has a pose at their time, or else to the first one, where they
-/// come before everything else: most are sent once and hold for the whole log.
-fn transform_events(messages: &[Sweep], drives: &[Drive], times: Times) -> Found {
-    let marks: Vec<Mark> = messages
-        .iter()
-        .map(|sweep| times.of_mark(sweep.mark))
-        .collect();
-    let matches = match_marks(drives, &marks);
-    let all = messages.iter().zip(&marks).zip(&matches.drives);
-    all.map(|((sweep, mark), drive)| {
-        let event = Event {
-            drive: drive.unwrap_or(0),
-            nanos: if drive.is_some() { mark.nanos } else { 0 },
-            of: Of::Transforms,
-        };
-        (event, sweep.entry)
     })
     .collect()
 }
@@ -261,44 +311,10 @@ fn span_of(marks: impl Iterator<Item = Mark>) -> Span {
     })
 }
 
-/// From when to when sensor and odometry have messages.
-struct Spans {
-    sensor: Span,
-    odometry: Span,
-}
-
-impl Spans {
-    fn describe(
-        &self,
-        (topic, sweeps): (&str, u64),
-        odometry: &str,
-        config: &IngestConfig,
-    ) -> String {
-        let text = |span: Span| {
-            span.map_or("nothing".to_owned(), |(first, last)| {
-                format!("{:.3} s to {:.3} s", first as f64 / 1e9, last as f64 / 1e9)
-            })
-        };
-        let advice = match config.clock {
-            Clock::Stamp => {
-                ". Where they come from two clocks, --clock record takes the times of recording instead"
-            }
-            Clock::Record => "",
-        };
-        format!(
-            "{odometry} has no pose at the time of any of the {sweeps} messages on {topic}: {topic} is \
-             from {}, {odometry} from {}{advice}",
-            text(self.sensor),
-            text(self.odometry)
-        )
-    }
-}
-
-fn shifted(topic: &str, odometry: &str, matches: &Matches) -> String {
+fn shifted(topic: &str, odometry: &str, count: u64) -> String {
     format!(
-        "{} messages on {topic} are left out: they were recorded at other times than the poses on \
+        "{count} messages on {topic} are left out: they were recorded at other times than the poses on \
          {odometry} that have their stamps. The clock of one of the two began again. --clock record takes \
-         the times of recording instead",
-        matches.shifted
+         the times of recording instead"
     )
 }
