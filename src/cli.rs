@@ -20,7 +20,7 @@ pub(crate) use demo::DemoOptions;
 pub(crate) use generate::GenerateOptions;
 pub(crate) use plan::PlanOptions;
 pub(crate) use train::{
-    AsideOptions, EvaluateOptions, ExportOptions, Preset, Shown, Size, SplitBy, TrainOptions,
+    AsideOptions, EvaluateOptions, ExportOptions, Preset, Size, SplitBy, TrainOptions,
 };
 
 /// Learns the strip of ground a path will take, and plans through it.
