@@ -3,6 +3,7 @@
 mod placement;
 
 use std::f64::consts::FRAC_PI_4;
+use std::ops::RangeInclusive;
 
 use crate::drawing::{Drawing, GLYPH_PX, Image, Spot, Text};
 use crate::geometry::{Cell, Pose2, wrap_angle_rad};
@@ -17,8 +18,8 @@ use placement::Placement;
 const MARGIN_PX: f64 = 16.0;
 /// Height of the strip under the map, which the scale is in.
 const FOOT_PX: f64 = 56.0;
-/// Width of the legend.
-const LEGEND_PX: f64 = 660.0;
+/// Least and greatest width of the legend.
+const LEGEND_PX: RangeInclusive<f64> = 480.0..=860.0;
 /// Distance of the legend's lines.
 const LINE_PX: f64 = 26.0;
 /// Lines of goals in a legend beside a small map.
@@ -106,7 +107,7 @@ impl Scene<'_> {
         let lines = 10.0 + self.goals.len() as f64;
         let least_px = lines.min(LEAST_LINES) * LINE_PX;
         let height_px = (map_height + FOOT_PX).max(least_px) + 2.0 * MARGIN_PX;
-        let width_px = map_width + LEGEND_PX + 3.0 * MARGIN_PX;
+        let width_px = map_width + self.legend_px() + 3.0 * MARGIN_PX;
         let mut drawing = Drawing::new(whole_px(width_px), whole_px(height_px), WHITE);
         frame(&mut drawing, &place);
         let scale = place.pixels_a_cell.max(1);
@@ -119,6 +120,17 @@ impl Scene<'_> {
         scale_bar(&mut drawing, &place);
         self.legend(&mut drawing, MARGIN_PX * 2.0 + map_width);
         drawing
+    }
+
+    /// Width of the legend, pixels.
+    fn legend_px(&self) -> f64 {
+        let goals = self
+            .goals
+            .iter()
+            .map(|goal| goal_text(goal).chars().count() + 3);
+        let longest = goals.chain([self.title.chars().count()]).max();
+        let width_px = longest.unwrap_or_default() as f64 * f64::from(GLYPH_PX * TEXT);
+        width_px.clamp(*LEGEND_PX.start(), *LEGEND_PX.end())
     }
 
     /// The cells as an image, one pixel each, or one for several.
@@ -248,13 +260,7 @@ impl Scene<'_> {
             } else {
                 lines.stroke(colour);
             }
-            let chosen = if goal.is_chosen { ", chosen" } else { "" };
-            let (number, named) = (goal.number, place_text(&goal.named));
-            lines.write(
-                48.0,
-                BLACK,
-                &format!("{number} {named} {}{chosen}", goal.note),
-            );
+            lines.write(48.0, BLACK, &goal_text(goal));
         }
     }
 }
@@ -268,6 +274,13 @@ fn frame(drawing: &mut Drawing, place: &Placement) {
         Spot::new(to + width, to + height),
         GREY,
     );
+}
+
+/// A goal's line of a legend.
+fn goal_text(goal: &SceneGoal) -> String {
+    let chosen = if goal.is_chosen { ", chosen" } else { "" };
+    let (number, named) = (goal.number, place_text(&goal.named));
+    format!("{number} {named} {}{chosen}", goal.note)
 }
 
 /// The text of a place for a legend.
@@ -296,7 +309,7 @@ struct Lines<'a> {
 
 impl Lines<'_> {
     fn write(&mut self, indent: f64, colour: Colour, text: &str) {
-        let room = (LEGEND_PX - indent) / f64::from(GLYPH_PX * TEXT);
+        let room = (LEGEND_PX.end() - indent) / f64::from(GLYPH_PX * TEXT);
         #[expect(
             clippy::cast_possible_truncation,
             clippy::cast_sign_loss,

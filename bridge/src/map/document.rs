@@ -226,7 +226,7 @@ mod tests {
             ("a: 1\nb: 2\na: 3\n", "line 3: a stands on line 1 already"),
             ("a: [1\nb: 2", "line"),
             ("a: *nobody\n", "line 1"),
-            ("a: 1\n\tb: 2\n", "line 2"),
+            ("a: 1\n\tb: 2\n", "found a tab"),
         ] {
             let error = entries(text).unwrap_err();
             assert!(error.contains(what), "{text:?}: {error}");

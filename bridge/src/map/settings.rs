@@ -340,7 +340,7 @@ mod tests {
                 "negate: maybe",
                 "line 8: negate is \"maybe\", expected true, false",
             ),
-            ("negate: 0", "negate", "line 8"),
+            ("negate: 0", "negate", "line 9: simple key expect"),
             ("resolution:", "resolutoin:", "there is no \"resolution\""),
             ("image:", "picture:", "there is no \"image\""),
             ("\"a map.pgm\"", "", "line 2: image is empty"),

@@ -155,7 +155,7 @@ fn every_path_has_its_colour_and_goals_without_one_their_reason() {
         "0 (2.9, 1.0) 0\u{b0} 3.0 m",
         "1 (2.9, -1.0) 0\u{b0} 3.0 m, chosen",
         "2 (500.0, 0.0) 57\u{b0} unreachable",
-        ">2 m</text>",
+        ">1 m</text>",
     ] {
         assert!(svg.contains(text), "{text} is not in the legend");
     }

@@ -102,13 +102,13 @@ fn missing_extra_and_misshapen_tensors_are_all_named() {
     let mut wrong = plain();
     let (first, _, _, _) = wrong.remove(0);
     let (second, _, _, _) = wrong.remove(0);
-    wrong.push(("head.bias".to_owned(), "F32", vec![1], vec![0; 4]));
+    wrong.push(("surplus.bias".to_owned(), "F32", vec![1], vec![0; 4]));
     wrong[0].2.push(1);
     let (third, shape) = (wrong[0].0.clone(), wrong[0].2.clone());
     let error = error_of(&wrong);
     for said in [
         format!("2 tensors are missing: {first}, {second}"),
-        "1 tensor is not expected: head.bias".to_owned(),
+        "1 tensor is not expected: surplus.bias".to_owned(),
         format!(
             "{third} is F32 {shape:?}, expected F32, F16 or BF16 {:?}",
             &shape[..shape.len() - 1]
