@@ -11,8 +11,10 @@ use swath_bridge::msg::header::Header;
 use swath_bridge::msg::nav::{MapMetaData, OccupancyGrid, Path};
 use swath_bridge::msg::tf2::TFMessage;
 use swath_bridge::poses::{pose_of_ros, poses_of_path, ros_pose};
-use swath_bridge::{Pose2, Vehicle};
-use swath_planner::node::{FramesConfig, NodeConfig};
+use swath_bridge::{Pose2, Vehicle, keys};
+use swath_planner::Method;
+use swath_planner::network::{Network, NetworkInfo, Parameters};
+use swath_planner::node::{FramesConfig, NodeConfig, ServedNetwork};
 use swath_planner::report::pose_of_planar;
 
 mod surroundings;
@@ -560,6 +562,50 @@ async fn the_vehicles_frame_can_be_named() {
     node.end().await;
 }
 
+#[tokio::test(flavor = "multi_thread")]
+async fn regions_lie_where_they_were_predicted_in_the_grids_frame() {
+    let info = NetworkInfo::default();
+    let parameters = Parameters::initial(info.architecture, 1);
+    let network = ServedNetwork {
+        network: Network::load(&Network::save(&info, &parameters)).unwrap(),
+        run: String::new(),
+        version: 0,
+        stamp_nanos: 0,
+    };
+    let mut in_regions = config();
+    in_regions.plan.method = Method::TievFcn;
+    let mut node = Surroundings::start(in_regions, Some(network)).await;
+    let topic = keys::region(surroundings::VEHICLE);
+    let mut regions = node.session.subscriber(&topic, 16).await.unwrap();
+    let moment = Moment {
+        grid: Some(grid_around(
+            &|_: &Pose2| false,
+            "map",
+            &MAP_FROM_ODOM.inverse(),
+        )),
+        odometry: Some(ODOM_FROM_VEHICLE),
+        transforms: vec![("map", "odom", MAP_FROM_ODOM)],
+        targets: Some(("base_link", vec![TARGET])),
+        ..Moment::default()
+    };
+    let region = soon(async {
+        loop {
+            node.plan(&moment, |report| report.method == "tiev-fcn")
+                .await;
+            if let Some(region) = regions.try_recv() {
+                return region.message;
+            }
+        }
+    })
+    .await;
+    assert_eq!(region.header.frame_id, "map");
+    // The corner of the vehicle's grid: 20.1 m behind the vehicle and 15.1 m to its right.
+    let corner = MAP_FROM_ODOM.then(&ODOM_FROM_VEHICLE.then(&Pose2::new(-20.1, -15.1, 0.0)));
+    let origin = pose_of_ros(&region.info.origin);
+    assert!(origin.distance_m(&corner) < 1e-6 && (origin.yaw_rad - corner.yaw_rad).abs() < 1e-6);
+    node.end().await;
+}
+
 /// Poses of a message that are no poses.
 fn bad_pose() -> Pose {
     Pose {
@@ -579,7 +625,7 @@ async fn bad_messages_are_counted_by_topic_and_cause() {
     let grid = grid_around(&free, "base_link", &ODOM_FROM_VEHICLE);
     let raw = node
         .session
-        .raw_publisher("swath/vehicle/v0/odom", swath_bridge::keys::Qos::Lossy)
+        .raw_publisher("swath/vehicle/v0/odom", keys::Qos::Lossy)
         .await
         .unwrap();
     soon(raw.wait_for_subscribers()).await.unwrap();

@@ -6,7 +6,7 @@ use surroundings::{Moment, Surroundings, config, soon};
 use swath_bridge::msg::header::Header;
 use swath_bridge::msg::nav::OccupancyGrid;
 use swath_bridge::msg::swath::PlanReport;
-use swath_bridge::{Cell, FREE, GridSpec, OCCUPIED, Occupancy, Pose2};
+use swath_bridge::{Cell, FREE, GridSpec, OCCUPIED, Occupancy, Pose2, keys};
 use swath_planner::Method;
 use swath_planner::network::{Network, NetworkInfo, Parameters};
 use swath_planner::node::ServedNetwork;
@@ -43,6 +43,11 @@ async fn without_any_grid_a_planner_says_so() {
     let mut node = Surroundings::start(config(), None).await;
     let report = node.next_report(|_| true).await;
     assert_eq!(said(&report), ("no grid yet", ""));
+    // It keeps saying so, and the path is empty each time.
+    let topic = keys::path(surroundings::VEHICLE);
+    let mut paths = node.session.subscriber(&topic, 4).await.unwrap();
+    let path = soon(paths.recv()).await.unwrap().message;
+    assert!(path.poses.is_empty());
     assert_eq!((report.frame, report.method.as_str()), (0, ""));
     assert_eq!(node.end().await.frames, 0);
 }

@@ -326,7 +326,7 @@ fn what_is_known_from_elsewhere_comes_before_what_is_buffered() {
         .lookup("map", "base_link", SECOND, None)
         .unwrap_err()
         .to_string();
-    assert!(error.contains("end at \"map\" and at \"other\""), "{error}");
+    assert!(error.contains("end at \"other\" and at \"map\""), "{error}");
     let error = buffer
         .lookup("base_link", "mars", SECOND, Some(link))
         .unwrap_err()
