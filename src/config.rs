@@ -1,7 +1,7 @@
 //! One configuration file for all nodes, so that they agree on vehicle and grid.
 
-mod place;
 pub(crate) mod keys;
+mod place;
 pub(crate) mod show;
 
 use std::path::Path;

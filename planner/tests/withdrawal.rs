@@ -12,7 +12,7 @@ use swath_bridge::{
     Error as BridgeError, FREE, GridSpec, Occupancy, Pose2, Publisher, Session, SessionConfig,
     Subscriber, Vehicle, keys,
 };
-use swath_planner::node::{self, FollowConfig, NodeConfig};
+use swath_planner::node::{self, FollowConfig, FramesConfig, NodeConfig};
 use swath_planner::{Error, ObstacleConfig, PlanConfig, TargetConfig};
 
 /// Longer than anything here takes, so that a test that would hang fails.
@@ -57,6 +57,7 @@ fn config() -> NodeConfig {
             ..FollowConfig::default()
         },
         run: "*".to_owned(),
+        frames: FramesConfig::default(),
         trusted: Vec::new(),
         shares_vehicle: false,
     }

@@ -5,15 +5,15 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 use swath_bridge::Pose2;
 use swath_bridge::drawing::PictureFormat;
-use swath_planner::{Method, PlanConfig};
+use swath_planner::{GoalTolerance, Method, PlanConfig};
 
 use super::values;
 use crate::config::Config;
 
 /// Greatest speed, m/s.
 const MAX_SPEED_M_PER_S: f64 = 60.0;
-/// Longest time limit: a day.
-const MAX_TIME_MS: u64 = 86_400_000;
+/// Longest time limit: an hour.
+const MAX_TIME_MS: u64 = 3_600_000;
 /// Largest coordinate of a start, metres, as that of a goal.
 const MAX_COORDINATE_M: f64 = 1e6;
 
@@ -53,16 +53,25 @@ pub(crate) struct PlanOptions {
     /// Speed, which limits turns; a node follows the odometry
     #[arg(long, value_parser = values::number(0.0, MAX_SPEED_M_PER_S), value_name = "M_PER_S", allow_hyphen_values = true)]
     pub(crate) speed: Option<f64>,
-    /// Method: tiev, tiev-fcn (in the regions of a network), weighted or swath [default: swath]
+    /// How near to its goal a path has to end, metres [default: 0.5]
+    #[arg(long, value_parser = values::number(0.01, 10.0), value_name = "METRES", allow_hyphen_values = true)]
+    pub(crate) goal_tolerance_m: Option<f64>,
+    /// How far a path's end may be turned from its goal, radians [default: 0.262, which is 15 degrees]
+    #[arg(long, value_parser = values::number(0.005, std::f64::consts::PI), value_name = "RADIANS", allow_hyphen_values = true)]
+    pub(crate) goal_tolerance_rad: Option<f64>,
+    /// Method: tiev, tiev-fcn, weighted, swath, hybrid, hybrid-fcn, rrt-star or rrt-star-fcn; those with
+    /// -fcn search in the regions of a network [default: swath]
     #[arg(long, value_parser = parse_method, value_name = "METHOD")]
     pub(crate) method: Option<Method>,
     /// Weights of the network (safetensors), for tiev-fcn [default: those that come with swath]
     #[arg(long, value_name = "FILE")]
     pub(crate) weights: Option<PathBuf>,
-    /// Most time for one target's search; 0 for no limit; not for swath [default: 0]
+    /// Longest search for one target, milliseconds; 0 for no limit; swath has --deadline-ms only
+    /// [default: 0]
     #[arg(long, value_parser = values::whole(0, MAX_TIME_MS), allow_negative_numbers = true, value_name = "N")]
     pub(crate) time_limit_ms: Option<u64>,
-    /// Most time for all targets of a frame; 0 for no limit [default: 0 on a map, 100 as a node]
+    /// Deadline for all targets of a frame, milliseconds; 0 for none [default: 0 on a map, 100 as a
+    /// node]
     #[arg(long, value_parser = values::whole(0, MAX_TIME_MS), allow_negative_numbers = true, value_name = "N")]
     pub(crate) deadline_ms: Option<u64>,
     /// Write the plans as JSON to a file, or to standard output for -
@@ -91,6 +100,10 @@ impl PlanOptions {
         PlanConfig {
             method: self.method.unwrap_or(plan.method),
             speed_m_per_s: self.speed.unwrap_or(plan.speed_m_per_s),
+            goal: GoalTolerance {
+                tolerance_m: self.goal_tolerance_m.unwrap_or(plan.goal.tolerance_m),
+                tolerance_rad: self.goal_tolerance_rad.unwrap_or(plan.goal.tolerance_rad),
+            },
             time_limit_ms: self.time_limit_ms.unwrap_or(plan.time_limit_ms),
             frame_deadline_ms: self.deadline_ms.unwrap_or(plan.frame_deadline_ms),
             ..*plan

@@ -10,9 +10,7 @@ use clap::error::ErrorKind;
 use indicatif::ProgressBar;
 use swath_bridge::WeightsStore;
 use swath_bridge::ingest::{GridsOut, IngestReport, Progress, write_grids};
-use swath_bridge::recording::{
-    self, Existing, RecordCounts, RecordOptions, Recorder, check_out,
-};
+use swath_bridge::recording::{self, Existing, RecordCounts, RecordOptions, Recorder, check_out};
 
 use crate::cli::{BridgeCommand, Cli, GridsOptions, NetworkOptions, ReplayOptions};
 use crate::config::Config;

@@ -2,7 +2,6 @@
 
 mod children;
 mod feed;
-mod pictures;
 mod verdict;
 
 use std::collections::BTreeMap;
@@ -18,7 +17,8 @@ use swath_trainer::WEIGHTS_FILE;
 use tokio::time::{Instant, sleep_until};
 
 use self::children::{Child, Launcher};
-use crate::cli::{DemoOptions, NetworkOptions};
+use crate::cli::{DemoOptions, NetworkOptions, PicturesOptions};
+use crate::commands::bridge;
 use crate::config::Config;
 use crate::output::{self, Failure};
 use crate::runtime::{on_session, stop_signal};
@@ -30,6 +30,8 @@ const CORES: usize = 4;
 const TRAIN_FOLDER: &str = "train";
 /// Messages that may wait to be shown.
 const QUEUE: usize = 32;
+/// Pictures of each vehicle's drive, and of each generator's samples.
+const PICTURES: u64 = 8;
 /// Time between two lines that say how things stand.
 const STATUS_PERIOD: Duration = Duration::from_secs(5);
 
@@ -262,7 +264,13 @@ fn finish(out: &Path, recording: &Path, config: &Config) -> Result<(), Failure> 
         output::line(line)?;
     }
     let pictures = out.join("pictures");
-    if let Err(error) = pictures::draw(recording, &pictures, config) {
+    let of_drive = PicturesOptions {
+        file: recording.to_owned(),
+        out: pictures.clone(),
+        every: None,
+        count: Some(PICTURES),
+    };
+    if let Err(error) = bridge::pictures::draw(&of_drive, config) {
         tracing::warn!("no pictures of the drive: {error:#}");
     }
     output::line("")?;

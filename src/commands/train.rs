@@ -10,8 +10,8 @@ use anyhow::Context;
 use indicatif::ProgressBar;
 use swath_planner::network::{InputSize, Parameters};
 use swath_trainer::{
-    CHECKPOINT_FILE, Checkpoint, Dataset, Example, Learner, Miner, Observer, Recorded, Run,
-    ScoreReport, Source, Split, StepReport, TrainConfig, Validation, network_info, split,
+    CHECKPOINT_FILE, Checkpoint, Dataset, DrawnRadii, Example, Learner, Miner, Observer, Recorded,
+    Run, ScoreReport, Source, Split, StepReport, TrainConfig, Validation, network_info, split,
 };
 
 use crate::cli::{AsideOptions, NetworkOptions, Preset, Size, SplitBy, TrainOptions};
@@ -51,6 +51,12 @@ fn train_config(options: &TrainOptions, config: &Config) -> TrainConfig {
     let mut train = match options.preset {
         Preset::Cpu => config.train.clone(),
         Preset::Paper => TrainConfig::paper(),
+    };
+    let label = config.generator().label;
+    train.drawn = DrawnRadii {
+        path_m: label.path_radius_m,
+        reference_m: label.reference_radius_m,
+        target_m: label.target_radius_m,
     };
     train.seed = options.aside.seed;
     train.score_every_steps = options.score_every.unwrap_or(train.score_every_steps);

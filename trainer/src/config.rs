@@ -8,6 +8,9 @@ use crate::loss::LossConfig;
 use crate::optimiser::AdamConfig;
 use crate::schedule::Schedule;
 
+/// Width of labels when nothing is said of it, metres.
+pub const DEFAULT_LABEL_DILATION_M: f64 = 1.4;
+
 /// Most samples in a batch.
 pub const MAX_BATCH: usize = 4096;
 /// Most passes over the data.
@@ -52,6 +55,32 @@ pub struct TrainConfig {
     pub patience: u64,
     /// Redraws labels with this distance from path to edge, metres; `None` takes them as they are.
     pub label_dilation_m: Option<f64>,
+    /// How wide samples draw what the network sees and learns: the generator's settings, not this
+    /// section's.
+    #[serde(skip)]
+    pub drawn: DrawnRadii,
+}
+
+/// How wide paths, references and targets are drawn in samples, metres.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct DrawnRadii {
+    /// From the path to the edge of its label.
+    pub path_m: f64,
+    /// From the reference to the edge of its plane.
+    pub reference_m: f64,
+    /// From the target to the edge of its disc.
+    pub target_m: f64,
+}
+
+impl Default for DrawnRadii {
+    /// The generator's defaults.
+    fn default() -> Self {
+        Self {
+            path_m: DEFAULT_LABEL_DILATION_M,
+            reference_m: 1.0,
+            target_m: 1.0,
+        }
+    }
 }
 
 impl Default for TrainConfig {
@@ -75,6 +104,7 @@ impl Default for TrainConfig {
             score_every_steps: 0,
             patience: 0,
             label_dilation_m: None,
+            drawn: DrawnRadii::default(),
         }
     }
 }

@@ -27,7 +27,7 @@ mod train;
 
 pub use batch::{Batch, Preparation};
 pub use checkpoint::{Checkpoint, Progress, write_atomically};
-pub use config::{MAX_BATCH, MAX_EPOCHS, TrainConfig};
+pub use config::{DEFAULT_LABEL_DILATION_M, DrawnRadii, MAX_BATCH, MAX_EPOCHS, TrainConfig};
 pub use dataset::{Dataset, MAX_EXAMPLES};
 pub use error::Error;
 pub use evaluate::{Predictor, Report, evaluate, ranked};
@@ -47,4 +47,4 @@ pub use score::{Counts, DISTANCE_GROUPS_M, Scores};
 pub use shipped::{SHIPPED_WEIGHTS, shipped};
 pub use source::{Counts as StreamCounts, Live, Recorded, Replay, Shown, Source};
 pub use split::{Split, split};
-pub use train::{DEFAULT_LABEL_DILATION_M, Learner, network_info, score};
+pub use train::{Learner, network_info, score};

@@ -15,9 +15,6 @@ use crate::optimiser::Adam;
 use crate::reach;
 use crate::{Error, Example, TrainConfig};
 
-/// Width of labels when the configuration does not redraw them, metres.
-pub const DEFAULT_LABEL_DILATION_M: f64 = 1.4;
-
 /// What a network is for that is trained with `config` on grids like `spec`.
 pub fn network_info(config: &TrainConfig, spec: &GridSpec, vehicle: &Vehicle) -> NetworkInfo {
     NetworkInfo {
@@ -28,8 +25,9 @@ pub fn network_info(config: &TrainConfig, spec: &GridSpec, vehicle: &Vehicle) ->
         min_turning_radius_m: vehicle.min_turning_radius_m,
         speed_limits: vehicle.speed_limits(),
         half_width_m: vehicle.half_width_m,
-        label_dilation_m: config.label_dilation_m.unwrap_or(DEFAULT_LABEL_DILATION_M),
-        ..NetworkInfo::default()
+        label_dilation_m: config.label_dilation_m.unwrap_or(config.drawn.path_m),
+        reference_dilation_m: config.drawn.reference_m,
+        target_dilation_m: config.drawn.target_m,
     }
 }
 

@@ -135,9 +135,7 @@ fn stopped_frames(tables: &Tables) -> Result<impl Iterator<Item = (String, Strin
     let reasons = names(&tables.stops, "reason", TABLE)?;
     let frames = counts(&tables.stops, "frame", TABLE)?;
     let rows = vehicles.into_iter().zip(reasons).zip(frames);
-    Ok(rows
-        .filter(|(_, frame)| *frame > 0)
-        .map(|(row, _)| row))
+    Ok(rows.filter(|(_, frame)| *frame > 0).map(|(row, _)| row))
 }
 
 /// Reports of empty paths of one vehicle, for one reason.

@@ -420,7 +420,9 @@ mod tests {
             rear_m: 0.2,
             half_width_m: 0.3,
             min_turning_radius_m: 0.9,
-        };
+            ..swath_bridge::Vehicle::default()
+        }
+        .with_limits_of_its_size();
         let model = Arc::new(MotionModel::new(&vehicle, 0.1).unwrap());
         let spec = GridSpec {
             rows: 40,

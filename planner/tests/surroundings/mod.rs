@@ -63,6 +63,7 @@ pub(crate) fn config() -> NodeConfig {
         frames: FramesConfig::default(),
         run: "*".to_owned(),
         trusted: Vec::new(),
+        shares_vehicle: false,
     }
 }
 

@@ -33,15 +33,37 @@ const MAX_WAITING: usize = 8;
 
 /// Runs the command.
 pub(crate) fn run(options: &PicturesOptions, config: &Config) -> Result<(), Failure> {
+    let Drawn { pictures, bad } = draw(options, config)?;
+    output::line(format_args!(
+        "{pictures} pictures written to {}",
+        options.out.display()
+    ))?;
+    if bad > 0 {
+        output::line(format_args!(
+            "not drawn: {bad} messages that cannot be used"
+        ))?;
+    }
+    Ok(())
+}
+
+/// What was drawn of a recording.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Drawn {
+    pictures: u64,
+    /// Messages that cannot be used.
+    bad: u64,
+}
+
+/// Draws the frames of a recording.
+pub(crate) fn draw(options: &PicturesOptions, config: &Config) -> anyhow::Result<Drawn> {
     let bar = progress::bar(0, "pictures");
     let totals = frames_of(&options.file)?;
     if totals.is_empty() {
-        return Err(anyhow::anyhow!(
+        bail!(
             "{}: there is no grid and no sample, expected messages on swath/vehicle/*/grid or \
              swath/sample/*",
             options.file.display()
-        )
-        .into());
+        );
     }
     std::fs::create_dir_all(&options.out).with_context(|| options.out.display().to_string())?;
     let mut album = Album {
@@ -62,18 +84,10 @@ pub(crate) fn run(options: &PicturesOptions, config: &Config) -> Result<(), Fail
     }
     album.finish()?;
     bar.finish_and_clear();
-    output::line(format_args!(
-        "{} pictures written to {}",
-        album.drawn,
-        options.out.display()
-    ))?;
-    if album.bad > 0 {
-        output::line(format_args!(
-            "not drawn: {} messages that cannot be used",
-            album.bad
-        ))?;
-    }
-    Ok(())
+    Ok(Drawn {
+        pictures: album.drawn,
+        bad: album.bad,
+    })
 }
 
 /// How many grids and samples a recording has on each topic.
