@@ -201,7 +201,7 @@ fn wrong_values_are_wrong_usage_before_anything_is_read() {
         ("--speed", "200", "0 to 60"),
         ("--speed", "-1", "0 to 60"),
         ("--speed", "NaN", "0 to 60"),
-        ("--time-limit-ms", "99999999999", "0 to 86400000"),
+        ("--time-limit-ms", "99999999999", "whole number from 0 to"),
         ("--deadline-ms", "-5", "whole number"),
         ("--deadline-ms", "1.5", "whole number"),
         ("--start", "1,2", "x,y,yaw"),
