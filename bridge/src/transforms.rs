@@ -447,8 +447,7 @@ fn isometry_in_plane(pose: &Pose2) -> Isometry3<f64> {
 /// The plane's part of a transform: its place, and the heading of its x axis.
 fn in_plane(to_from_from: &Isometry3<f64>, ends: &Ends<'_>) -> Result<Pose2, NoTransform> {
     let tilt_deg = tilt_of(&to_from_from.rotation);
-    // Written so that a tilt that is no number is refused as well.
-    if !(tilt_deg <= MAX_TILT_DEG) {
+    if tilt_deg.is_nan() || tilt_deg > MAX_TILT_DEG {
         return Err(NoTransform::Tilted {
             from: ends.from.to_owned(),
             to: ends.to.to_owned(),

@@ -2,6 +2,7 @@ use std::f64::consts::{FRAC_PI_2, PI};
 
 use proptest::prelude::*;
 
+use super::TransformFault::{LongName, NoName, NotRigid, OwnParent, TooFar};
 use super::frame::MAX_SAMPLES;
 use super::*;
 use crate::msg::geometry::{Transform, Vector3 as RosVector};
@@ -203,7 +204,6 @@ fn what_is_no_transform_is_named_and_changes_nothing() {
             stamped("x", &"y".repeat(MAX_NAME_BYTES + 1), 1, Pose2::default()),
         ],
     );
-    use TransformFault::{LongName, NoName, NotRigid, OwnParent, TooFar};
     assert_eq!(
         faults,
         [
