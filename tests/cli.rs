@@ -269,68 +269,71 @@ fn places_that_cannot_be_written_to_are_refused_before_the_work_begins() {
     }
 }
 
+/// Files that cannot be used, where the fault is, and what is said of it.
+const BAD_CONFIGURATIONS: &[(&str, &str, &str)] = &[
+    (
+        "[grid]\nrows = 0\n",
+        "line 2, [grid]",
+        "rows is 0, expected 1 to 4096",
+    ),
+    (
+        "[grid]\nrows = 200\n",
+        "[grid]",
+        "ego_row is 300, expected 0 to 199",
+    ),
+    (
+        "[vehicle]\nfront_m = -1.0\n",
+        "line 2, [vehicle]",
+        "front_m is -1",
+    ),
+    (
+        "\n[targets]\ncount = 300\n",
+        "line 3, [targets]",
+        "count is 300, expected 0 to 256",
+    ),
+    (
+        "[obstacles]\nthreshold_percent = 0\n",
+        "line 2, [obstacles]",
+        "expected 1 to 100",
+    ),
+    (
+        "[train]\nbatch = 0\n",
+        "line 2, [train]",
+        "batch is 0, expected 1 to 4096",
+    ),
+    (
+        "[train.loss]\ndice_weight = -1.0\n",
+        "line 2, [train]",
+        "loss.dice_weight",
+    ),
+    (
+        "[follow]\nexpires_s = -1\n",
+        "line 2, [follow]",
+        "expires_s is -1",
+    ),
+    (
+        "[ingest]\nclear_m = nan\n",
+        "line 2, [ingest]",
+        "clear_m is NaN, expected 0 to 1000",
+    ),
+    (
+        "[generator.lidar]\ndropout = 2.0\n",
+        "line 2, [generator]",
+        "lidar.dropout",
+    ),
+    (
+        "[generator.grid]\nrows = 350\n",
+        "line 1, [generator]",
+        "grid differs from [grid]",
+    ),
+    ("[grid]\nrows = -1\n", "line 2", "expected u32"),
+    ("[grid]\nlines = 1\n", "line 2", "unknown field `lines`"),
+];
+
 #[test]
 fn a_configuration_that_cannot_be_used_is_named_by_line_section_and_key_and_the_cause_once() {
     let folder = tempfile::tempdir().unwrap();
-    for (lines, place, said) in [
-        (
-            "[grid]\nrows = 0\n",
-            "line 2, [grid]",
-            "rows is 0, expected 1 to 4096",
-        ),
-        (
-            "[grid]\nrows = 200\n",
-            "[grid]",
-            "ego_row is 300, expected 0 to 199",
-        ),
-        (
-            "[vehicle]\nfront_m = -1.0\n",
-            "line 2, [vehicle]",
-            "front_m is -1",
-        ),
-        (
-            "\n[targets]\ncount = 300\n",
-            "line 3, [targets]",
-            "count is 300, expected 0 to 256",
-        ),
-        (
-            "[obstacles]\nthreshold_percent = 0\n",
-            "line 2, [obstacles]",
-            "expected 1 to 100",
-        ),
-        (
-            "[train]\nbatch = 0\n",
-            "line 2, [train]",
-            "batch is 0, expected 1 to 4096",
-        ),
-        (
-            "[train.loss]\ndice_weight = -1.0\n",
-            "line 2, [train]",
-            "loss.dice_weight",
-        ),
-        (
-            "[follow]\nexpires_s = -1\n",
-            "line 2, [follow]",
-            "expires_s is -1",
-        ),
-        (
-            "[ingest]\nclear_m = nan\n",
-            "line 2, [ingest]",
-            "clear_m is NaN, expected 0 to 1000",
-        ),
-        (
-            "[generator.lidar]\ndropout = 2.0\n",
-            "line 2, [generator]",
-            "lidar.dropout",
-        ),
-        (
-            "[generator.grid]\nrows = 350\n",
-            "line 1, [generator]",
-            "grid differs from [grid]",
-        ),
-        ("[grid]\nrows = -1\n", "line 2", "expected u32"),
-        ("[grid]\nlines = 1\n", "line 2", "unknown field `lines`"),
-    ] {
+    for &(lines, place, said) in BAD_CONFIGURATIONS {
         let file = write(&folder, "swath.toml", lines).display().to_string();
         let onnx = folder.path().join("out.onnx").display().to_string();
         let arguments = ["--config", &file, "export", "--onnx", &onnx];

@@ -1,7 +1,5 @@
 //! The demo as a person meets it: what it prints, and what it leaves.
 
-#![expect(clippy::unwrap_used, reason = "helpers of tests")]
-
 use assert_cmd::Command;
 
 /// Longest line that is printed, characters.

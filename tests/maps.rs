@@ -295,7 +295,8 @@ fn a_network_of_another_vehicle_is_warned_of() {
     let other = Vehicle {
         front_m: 3.9,
         ..Vehicle::default()
-    };
+    }
+    .with_limits_of_its_size();
     assert!(
         said.contains(&other.digest()) && said.contains(&Vehicle::default().digest()),
         "{said}"

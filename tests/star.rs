@@ -116,31 +116,34 @@ fn topics(recording: &Path) -> BTreeMap<String, u64> {
     topics
 }
 
+/// A trainer of small steps and frequent weights; the folder comes behind it.
+const TRAIN: [&str; 9] = [
+    "train",
+    "--scratch",
+    "--size",
+    "half",
+    "--batch",
+    "4",
+    "--publish-every",
+    "3",
+    "--out",
+];
+/// A planner in the regions of the network; the vehicle comes behind it.
+const IN_REGIONS: [&str; 6] = [
+    "plan",
+    "--method",
+    "tiev-fcn",
+    "--deadline-ms",
+    "0",
+    "--vehicle",
+];
+
 async fn all(folder: &Path) {
     let (out, recording) = (folder.join("run"), folder.join("run.mcap"));
     let (out, file) = (out.to_str().unwrap(), recording.to_str().unwrap());
     let star = Star::new(folder);
-    let train = [
-        "train",
-        "--scratch",
-        "--size",
-        "half",
-        "--batch",
-        "4",
-        "--publish-every",
-        "3",
-        "--out",
-        out,
-    ];
-    let in_regions = [
-        "plan",
-        "--method",
-        "tiev-fcn",
-        "--deadline-ms",
-        "0",
-        "--vehicle",
-    ];
-    let plan = |vehicle| star.connect(&[&in_regions[..], &[vehicle]].concat());
+    let train = [&TRAIN[..], &[out]].concat();
+    let plan = |vehicle| star.connect(&[&IN_REGIONS[..], &[vehicle]].concat());
 
     // Those that connect do not mind being first.
     let recorder = star.connect(&["bridge", "record", "--out", file]);

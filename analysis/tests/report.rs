@@ -512,14 +512,17 @@ fn progress_ends_at_the_end() {
     assert!(seen.is_sorted());
 }
 
-#[test]
-fn empty_paths_and_rejected_messages_are_counted_by_reason_and_cause() {
-    let directory = tempfile::tempdir().unwrap();
-    let rejection = |topic: &str, cause: &str, messages| Rejection {
+fn rejection(topic: &str, cause: &str, messages: u64) -> Rejection {
+    Rejection {
         topic: topic.to_owned(),
         cause: cause.to_owned(),
         messages,
-    };
+    }
+}
+
+#[test]
+fn empty_paths_and_rejected_messages_are_counted_by_reason_and_cause() {
+    let directory = tempfile::tempdir().unwrap();
     let file = write(directory.path(), "stops.mcap", |writer| {
         let mut say = |frame: u64, reason: &str, detail: &str, rejected: Vec<Rejection>| {
             let planned = frame > 0;
@@ -578,16 +581,21 @@ fn empty_paths_and_rejected_messages_are_counted_by_reason_and_cause() {
         ]
     );
     let text = fs::read_to_string(directory.path().join("out/report.md")).unwrap();
-    for row in [
+    let rows = [
         ["v0", "blocked", "2", "second"],
         ["v0", "no grid yet", "1", ""],
         ["v0", "no transform", "1", "from \"map\""],
         ["v0", "odom", "no car moves so", "8"],
-    ] {
-        let is_row = |line: &str| {
-            let cells: Vec<&str> = line.trim_matches('|').split('|').map(str::trim).collect();
-            cells == row
-        };
-        assert!(text.lines().any(is_row), "{row:?}\n{text}");
+    ];
+    for row in rows {
+        assert!(has_row(&text, &row), "{row:?}\n{text}");
     }
+}
+
+/// Whether a table of a text has a row of these cells.
+fn has_row(text: &str, row: &[&str]) -> bool {
+    text.lines().any(|line| {
+        let cells: Vec<&str> = line.trim_matches('|').split('|').map(str::trim).collect();
+        cells == row
+    })
 }

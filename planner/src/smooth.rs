@@ -7,6 +7,7 @@
 //! for contact without gaps; what does not pass is tried again nearer to the chords, and is flagged at
 //! last. What is flagged hits nothing either, unless the chords do.
 
+mod attempt;
 mod clothoid;
 mod cost;
 mod drivable;
@@ -34,9 +35,11 @@ pub use drivable::{DrivablePath, Shortfall};
 pub use obstacles::ObstacleCells;
 pub use swath_bridge::Drivability;
 
+use attempt::{ATTEMPTS, Attempt};
 use cost::{Cost, Nearby, Weights};
 use drivable::as_chords;
-use optimise::{Limits, Optimiser, Trajectory};
+use obstacles::ScaledCells;
+use optimise::{Limits, Optimiser, Progress, Trajectory};
 use reference::{Guess, Reference};
 use scale::Scale;
 
@@ -61,10 +64,7 @@ const SLACK: f64 = 1e-4;
 /// States stay so far from the map's edge that the path between two of them stays on it, metres.
 const MAP_MARGIN_M: f64 = 0.005;
 
-/// Gap below which nearness counts as contact while a path is improved, metres.
-const NEEDED_GAP_M: f64 = 0.03;
-/// Contact and a missed goal weigh so much at first, and more in each further round.
-const FIRST_CONTACT: f64 = 100.0;
+/// Contact and a missed goal weigh at most so much.
 const MOST_CONTACT: f64 = 1e5;
 const URGENCY_GROWTH: f64 = 10.0;
 /// Iterations after which the cells near the path are looked at again.
@@ -82,38 +82,13 @@ enum Ending {
     WithinTolerance,
 }
 
-/// How one attempt weighs things.
-#[derive(Debug, Clone, Copy)]
-struct Attempt {
-    /// Weight of metres from the goal, squared, and of radians.
-    off_goal: f64,
-    turned_from_goal: f64,
-    stray: f64,
-    /// Share of the gap that is preferred.
-    gap_share: f64,
+/// What an attempt is made in, in units of the scale.
+struct Around<'a> {
+    cells: ScaledCells<'a>,
+    footprint: Footprint,
+    limits: &'a Limits,
+    tolerance: GoalTolerance,
 }
-
-/// First to the goal itself, then with room to shorten and straighten, then close to the chords.
-const ATTEMPTS: [Attempt; 3] = [
-    Attempt {
-        off_goal: 100.0,
-        turned_from_goal: 200.0,
-        stray: 0.02,
-        gap_share: 1.0,
-    },
-    Attempt {
-        off_goal: 0.2,
-        turned_from_goal: 0.2,
-        stray: 0.02,
-        gap_share: 1.0,
-    },
-    Attempt {
-        off_goal: 0.2,
-        turned_from_goal: 0.2,
-        stray: 1.0,
-        gap_share: 0.4,
-    },
-];
 
 /// How paths are smoothed.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -392,54 +367,21 @@ impl Smoother {
         (limits, attempt): (&Limits, Attempt),
         iterations: &mut usize,
     ) -> Result<(), Shortfall> {
-        let vehicle = self.scale.vehicle(&self.vehicle);
-        let cells_here = cells.scaled(self.scale.factor());
-        let footprint = Footprint::new(&vehicle, cells_here.resolution_m());
+        let around = self.around(cells, limits, request.tolerance);
         self.set_out(request, limits);
-        let mut weights = Weights {
-            bend: 1.0,
-            steer: 1.0,
-            stray: attempt.stray,
-            length: 0.05,
-            near: 1.0,
-            preferred_gap_m: attempt.gap_share * self.scale.length(self.config.preferred_gap_m),
-            contact: FIRST_CONTACT,
-            needed_gap_m: NEEDED_GAP_M,
-            goal: FIRST_CONTACT,
-            off_goal: attempt.off_goal,
-            turned_from_goal: attempt.turned_from_goal,
-        };
+        let mut weights =
+            attempt.weights(attempt.gap_share * self.scale.length(self.config.preferred_gap_m));
         self.optimiser.restart();
         let mut used = 0;
         let mut result = Err(Shortfall::Contact);
         let mut in_round = 0;
-        let mut anew = true;
         while used < self.config.max_iterations {
             if request.stop.is_some_and(|is_time_up| is_time_up()) {
-                result = Err(Shortfall::Time);
+                // One that is good already is good enough.
+                result = result.map_err(|_so_far| Shortfall::Time);
                 break;
             }
-            // The cells near a path are gathered again when it has moved away from them.
-            self.nearby.update(
-                &cells_here,
-                &footprint,
-                &self.path.states,
-                (weights.preferred_gap_m, anew),
-            );
-            anew = false;
-            let cost = Cost {
-                weights,
-                footprint: &footprint,
-                places: &self.reference.places,
-                place_of: &self.guess.places,
-                nearby: &self.nearby,
-                goal: self.goal,
-                tolerance: self.scale.tolerance(request.tolerance),
-                step_m: self.reference.step_m,
-            };
-            let progress =
-                self.optimiser
-                    .improve(&cost, limits, &mut self.path, ITERATIONS_A_GATHERING);
+            let progress = self.improve(&around, weights, used == 0);
             used += progress.iterations;
             in_round += progress.iterations;
             if !(progress.is_settled || progress.is_finished || in_round >= ITERATIONS_A_ROUND) {
@@ -448,11 +390,8 @@ impl Smoother {
             let checked = self.check(cells, request);
             if checked.is_ok() {
                 result = checked;
-                let is_as_near_as_it_gets = progress.is_finished
-                    || used >= ITERATIONS_TO_GOAL
-                    || self.is_at_goal(request)
-                    || attempt.off_goal < FIRST_CONTACT;
-                if is_as_near_as_it_gets {
+                let may_go_on = !progress.is_finished && used < ITERATIONS_TO_GOAL;
+                if !may_go_on || !attempt.is_for_goal() || self.is_at_goal(request) {
                     break;
                 }
                 self.good.copy_from(&self.driven);
@@ -476,6 +415,46 @@ impl Smoother {
         }
         *iterations += used;
         result
+    }
+
+    /// What an attempt is made in, in units of the scale.
+    fn around<'a>(
+        &self,
+        cells: &'a ObstacleCells,
+        limits: &'a Limits,
+        tolerance: GoalTolerance,
+    ) -> Around<'a> {
+        let vehicle = self.scale.vehicle(&self.vehicle);
+        let cells = cells.scaled(self.scale.factor());
+        Around {
+            footprint: Footprint::new(&vehicle, cells.resolution_m()),
+            cells,
+            limits,
+            tolerance: self.scale.tolerance(tolerance),
+        }
+    }
+
+    /// Improves the path by some iterations. The cells near it are gathered again when it has moved away
+    /// from them, or `anew`.
+    fn improve(&mut self, around: &Around<'_>, weights: Weights, anew: bool) -> Progress {
+        self.nearby.update(
+            &around.cells,
+            &around.footprint,
+            &self.path.states,
+            (weights.preferred_gap_m, anew),
+        );
+        let cost = Cost {
+            weights,
+            footprint: &around.footprint,
+            places: &self.reference.places,
+            place_of: &self.guess.places,
+            nearby: &self.nearby,
+            goal: self.goal,
+            tolerance: around.tolerance,
+            step_m: self.reference.step_m,
+        };
+        self.optimiser
+            .improve(&cost, around.limits, &mut self.path, ITERATIONS_A_GATHERING)
     }
 
     /// The path to start from: the chords as a driver would follow them.

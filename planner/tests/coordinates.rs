@@ -1,8 +1,6 @@
 //! Coordinate frames between real sessions: grids, targets and references in the vehicle's frame, in the
 //! odometry's and beyond, all of one world of boxes whose truth is known here.
 
-#![expect(clippy::unwrap_used, reason = "helpers of tests")]
-
 use std::f64::consts::FRAC_PI_2;
 
 use surroundings::{Moment, Surroundings, config, soon, transform};

@@ -235,7 +235,6 @@ fn vehicles_of_all_sizes_get_paths_that_they_can_drive() {
                 seed: number * 100 + repetition,
             };
             let (paths, drivable) = checked(&case);
-            println!("R {radius_m}: {paths} paths, {drivable} at speed");
             solved += paths;
             at_speed += drivable;
         }

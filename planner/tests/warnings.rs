@@ -91,6 +91,25 @@ fn weights(run: &str, version: u64, info: &NetworkInfo) -> Weights {
 }
 
 /// The only test of this file, since it takes the log of the whole process.
+/// Causes, what is logged of each, and whether it is said only once.
+const CAUSES: [(&str, &str, bool); 3] = [
+    (
+        "they are for another grid",
+        "the network is for 400 x 151 cells",
+        true,
+    ),
+    (
+        "the size cannot be worked with",
+        "need 60551 values, found 17",
+        false,
+    ),
+    (
+        "a cell's value is out of range",
+        "value 101 at index 7",
+        false,
+    ),
+];
+
 #[tokio::test(flavor = "multi_thread")]
 async fn each_cause_is_logged_and_not_each_message() {
     let warnings = Warnings::default();
@@ -140,23 +159,7 @@ async fn each_cause_is_logged_and_not_each_message() {
     }
     let rejections = node.end().await.rejections;
     let elapsed = begin.elapsed();
-    for (cause, text, once) in [
-        (
-            "they are for another grid",
-            "the network is for 400 x 151 cells",
-            true,
-        ),
-        (
-            "the size cannot be worked with",
-            "need 60551 values, found 17",
-            false,
-        ),
-        (
-            "a cell's value is out of range",
-            "value 101 at index 7",
-            false,
-        ),
-    ] {
+    for (cause, text, once) in CAUSES {
         let counted = rejections.iter().find(|one| one.cause == cause).unwrap();
         assert!(counted.messages >= 1, "{counted:?}");
         let lines = warnings.with(text);

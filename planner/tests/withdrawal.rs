@@ -143,7 +143,7 @@ async fn a_second_planner_for_a_vehicle_is_refused_and_the_first_goes_on() {
     });
     soon(field.path(|path| !path.poses.is_empty())).await;
     let second = node::run(&session, config(), None, std::future::pending(), nothing);
-    let error = soon(second).await.unwrap_err();
+    let error = soon(Box::pin(second)).await.unwrap_err();
     let is_taken =
         matches!(&error, Error::Bridge(BridgeError::NodeTaken { id, .. }) if id == VEHICLE);
     assert!(is_taken, "{error}");

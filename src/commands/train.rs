@@ -172,10 +172,10 @@ fn on_recordings(
 
 /// What finds hard samples, if they are wanted.
 fn miner(train: &TrainConfig, config: &Config) -> anyhow::Result<Option<Miner>> {
-    let wanted = train.hard_share > 0.0;
-    Ok(wanted
-        .then(|| Miner::new(&config.vehicle, &config.grid))
-        .transpose()?)
+    if train.hard_share <= 0.0 {
+        return Ok(None);
+    }
+    Ok(Some(Miner::new(&config.vehicle, &config.grid)?))
 }
 
 fn listed(counts: impl Iterator<Item = (usize, String)>) -> String {

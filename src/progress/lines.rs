@@ -12,9 +12,10 @@ const PERIOD: Duration = Duration::from_secs(30);
 
 /// Logs that work begins, and every half minute how far it is, until the bar is finished or gone.
 pub(super) fn follow(bar: &ProgressBar, what: &'static str, unit: Unit) {
-    match bar.length().filter(|total| *total > 0) {
-        Some(total) => tracing::info!("{what}: {}", unit.said(total)),
-        None => tracing::info!("{what}: begins"),
+    if let Some(total) = bar.length().filter(|total| *total > 0) {
+        tracing::info!("{what}: {}", unit.said(total));
+    } else {
+        tracing::info!("{what}: begins");
     }
     let watched = bar.downgrade();
     let watch = move || {
@@ -46,20 +47,20 @@ fn line(bar: &ProgressBar, unit: Unit, first: u64, elapsed: Duration) -> String 
     let position = bar.position();
     let done = position.saturating_sub(first);
     let total = bar.length().filter(|total| *total > 0);
-    let mut line = total.map_or_else(
+    let far = total.map_or_else(
         || unit.said(position),
         |total| format!("{} of {}", unit.figure(position), unit.said(total)),
     );
-    line += &format!(", {}", unit.rate(done, elapsed));
+    let mut parts = vec![far, unit.rate(done, elapsed)];
     let left = total.map(|total| total.saturating_sub(position));
     if let Some(left) = left.and_then(|left| human::time_left(done, left, elapsed)) {
-        line += &format!(", {} left", human::duration(left));
+        parts.push(format!("{} left", human::duration(left)));
     }
     let message = bar.message();
     if !message.is_empty() {
-        line += &format!(", {message}");
+        parts.push(message);
     }
-    line
+    parts.join(", ")
 }
 
 #[cfg(test)]
@@ -72,7 +73,7 @@ mod tests {
         bar.set_length(4000);
         bar.set_position(1500);
         bar.set_message("loss 0.123");
-        let minute = Duration::from_secs(60);
+        let minute = Duration::from_mins(1);
         assert_eq!(
             line(&bar, Unit::Count("steps"), 1000, minute),
             "1.5 k of 4.0 k steps, 8.3 steps/s, 5 min left, loss 0.123"

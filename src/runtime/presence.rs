@@ -176,12 +176,19 @@ fn look(before: Connection, endpoint: &str, is_missing: bool, now: Instant) -> C
 mod tests {
     use super::*;
 
-    fn change(kind: &str, id: &str, is_alive: bool, is_own: bool) -> NodeChange {
+    fn change(kind: &str, id: &str, is_alive: bool) -> NodeChange {
         NodeChange {
             kind: kind.to_owned(),
             id: id.to_owned(),
             is_alive,
-            is_own,
+            is_own: false,
+        }
+    }
+
+    fn own(kind: &str, id: &str) -> NodeChange {
+        NodeChange {
+            is_own: true,
+            ..change(kind, id, true)
         }
     }
 
@@ -189,15 +196,15 @@ mod tests {
     fn the_greeting_names_who_is_there_and_fits_into_a_line() {
         let mut known = Known::default();
         assert_eq!(known.greeting(None), "no other node yet");
-        known.take(&change("planner", "own", true, true));
-        known.take(&change("store", "a1b2", true, false));
-        known.take(&change("planner", "car-1", true, false));
+        known.take(&own("planner", "own"));
+        known.take(&change("store", "a1b2", true));
+        known.take(&change("planner", "car-1", true));
         assert_eq!(
             known.greeting(Some("user-7")),
             "joined 1 node in namespace user-7: planner car-1"
         );
         for number in 0..40 {
-            known.take(&change("generator", &format!("lab-{number}"), true, false));
+            known.take(&change("generator", &format!("lab-{number}"), true));
         }
         let greeting = known.greeting(Some("user-7"));
         let begins = "joined 41 nodes in namespace user-7: generator lab-0";
@@ -209,8 +216,7 @@ mod tests {
     #[test]
     fn every_change_of_others_has_its_words() {
         let mut known = Known::default();
-        let said =
-            |known: &mut Known, is_alive| known.take(&change("generator", "g", is_alive, false));
+        let said = |known: &mut Known, is_alive| known.take(&change("generator", "g", is_alive));
         assert_eq!(said(&mut known, true).as_deref(), Some("generator g came"));
         assert_eq!(said(&mut known, true).as_deref(), Some("generator g came"));
         assert_eq!(
@@ -219,8 +225,8 @@ mod tests {
         );
         assert_eq!(said(&mut known, false).as_deref(), Some("generator g went"));
         assert_eq!(known.greeting(None), "joined 1 node: generator g");
-        assert_eq!(known.take(&change("store", "s", true, false)), None);
-        assert_eq!(known.take(&change("planner", "p", true, true)), None);
+        assert_eq!(known.take(&change("store", "s", true)), None);
+        assert_eq!(known.take(&own("planner", "p")), None);
     }
 
     #[test]

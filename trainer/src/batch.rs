@@ -36,9 +36,9 @@ pub struct Preparation {
 }
 
 impl Preparation {
-    pub(crate) const fn new(config: &TrainConfig, encoding: Encoding) -> Self {
+    pub(crate) const fn new(config: &TrainConfig, encoding: &Encoding) -> Self {
         Self {
-            encoding,
+            encoding: *encoding,
             micro_batch: config.micro_batch,
             label_dilation_m: config.label_dilation_m,
         }

@@ -119,7 +119,7 @@ impl Learner {
 
     /// How batches for this network are made.
     pub const fn preparation(&self) -> Preparation {
-        Preparation::new(&self.config, self.encoding)
+        Preparation::new(&self.config, &self.encoding)
     }
 
     /// One step of the optimiser on a batch; the mean loss of a sample before it.

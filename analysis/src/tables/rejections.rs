@@ -25,7 +25,7 @@ row_table! {
 }
 
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord)]
-struct Cause {
+struct CountedBy {
     recording: u32,
     vehicle: String,
     topic: String,
@@ -42,7 +42,7 @@ struct Count {
 /// Counts by recording, planner, topic and cause.
 #[derive(Debug, Default)]
 pub(super) struct RejectionCounts {
-    counts: BTreeMap<Cause, Count>,
+    counts: BTreeMap<CountedBy, Count>,
 }
 
 impl RejectionCounts {
@@ -52,7 +52,7 @@ impl RejectionCounts {
     /// [`Error::TooManyRows`] when there are too many causes.
     pub(super) fn take(&mut self, record: &Record<'_>, report: &PlanReport) -> Result<(), Error> {
         for rejection in &report.rejected {
-            let cause = Cause {
+            let cause = CountedBy {
                 recording: record.recording,
                 vehicle: report.vehicle.clone(),
                 topic: rejection.topic.clone(),

@@ -76,7 +76,7 @@ pub(crate) fn plan(
         },
         chosen: -1,
         targets,
-        reason: String::new(),
+        reason: "no time".to_owned(),
         detail: String::new(),
         rejected: Vec::new(),
     }

@@ -96,10 +96,10 @@ impl Frame {
     /// Drops the newest sample if it came close behind the one before it.
     fn thin_out(&mut self) {
         let mut newest = self.samples.iter().rev();
-        if let (Some(last), Some(before)) = (newest.next(), newest.next()) {
-            if last.stamp_nanos - before.stamp_nanos < SPACING_NANOS {
-                self.samples.pop_back();
-            }
+        if let (Some(last), Some(before)) = (newest.next(), newest.next())
+            && last.stamp_nanos - before.stamp_nanos < SPACING_NANOS
+        {
+            self.samples.pop_back();
         }
     }
 

@@ -47,7 +47,7 @@ fn stamped(parent: &str, child: &str, at_nanos: u64, pose: Pose2) -> TransformSt
 fn put(buffer: &mut TransformBuffer, transforms: Vec<TransformStamped>) -> Vec<TransformFault> {
     let mut faults = Vec::new();
     buffer.insert(&TFMessage { transforms }, false, |fault, _| {
-        faults.push(fault)
+        faults.push(fault);
     });
     faults
 }

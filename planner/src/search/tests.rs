@@ -37,7 +37,7 @@ fn difference(a: f64, b: f64) -> f64 {
 }
 
 impl Oracle {
-    fn new(spec: GridSpec, vehicle: Vehicle, occupied: Vec<Cell>, speed: f64) -> Self {
+    fn new(spec: GridSpec, vehicle: &Vehicle, occupied: Vec<Cell>, speed: f64) -> Self {
         let mut directions = Vec::new();
         for d_row in -10..=10i32 {
             for d_col in -10..=10i32 {
@@ -50,7 +50,7 @@ impl Oracle {
         let curvature_per_m = (2.0 / (speed * speed)).min(1.0 / vehicle.min_turning_radius_m);
         Self {
             spec,
-            vehicle,
+            vehicle: *vehicle,
             occupied,
             directions,
             curvature_per_m,
@@ -229,7 +229,7 @@ proptest! {
         let mut memory = SearchMemory::new();
         let found =
             search(&map, &successors, (&goal, Guidance::NONE), Limits::default(), &mut memory).unwrap();
-        let oracle = Oracle::new(spec, vehicle, occupied, 1.4);
+        let oracle = Oracle::new(spec, &vehicle, occupied, 1.4);
         if let Some(cost) = oracle.cost_to(&goal) {
             prop_assert_eq!(found.outcome, Outcome::Solved);
             prop_assert!((found.cost - cost).abs() < 1e-4, "{} against {cost}", found.cost);
@@ -251,7 +251,7 @@ proptest! {
                 cells.set_index(index);
             }
         }
-        let oracle = Oracle::new(spec, vehicle, occupied, 1.4);
+        let oracle = Oracle::new(spec, &vehicle, occupied, 1.4);
         let mut memory = SearchMemory::new();
         for region in [Guidance::NONE, Guidance::inside(&cells, weight)] {
             let found =

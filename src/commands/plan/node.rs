@@ -56,7 +56,7 @@ pub(super) fn run(
                 .add(report);
         };
         let run = node::run(&session, node_config, initial, stop_signal(), observe);
-        run.await.map_err(advised).context("planner node")
+        Box::pin(run).await.map_err(advised).context("planner node")
     })?;
     drop(reporter);
     tracing::info!(

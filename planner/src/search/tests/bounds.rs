@@ -119,7 +119,7 @@ proptest! {
         let together = swath(&map, &goals, (epsilon, EFFORTS[effort]), Limits::default());
         let few = Limits { max_expansions: Some(20), ..Limits::default() };
         let in_part = swath(&map, &goals, (epsilon, EFFORTS[effort]), few);
-        let oracle = Oracle::new(small_spec(), vehicle, occupied, 1.4);
+        let oracle = Oracle::new(small_spec(), &vehicle, occupied, 1.4);
         for (goal, (together, in_part)) in goals.iter().zip(together.into_iter().zip(in_part)) {
             let none = Limits::default();
             let best = search(&map, &successors, (goal, Guidance::NONE), none, &mut memory).unwrap();
@@ -189,7 +189,7 @@ proptest! {
         let rules = (epsilon, EFFORTS[effort]);
         let found = swath_in((&map, Some(&regions)), &goals, rules, Limits::default());
         prop_assert!(asked.load(Ordering::Relaxed) <= 1);
-        let oracle = Oracle::new(spec, small_vehicle(), occupied, 1.4);
+        let oracle = Oracle::new(spec, &small_vehicle(), occupied, 1.4);
         for ((goal, best), found) in goals.iter().zip(&best).zip(&found) {
             prop_assert_eq!(found.outcome, best.outcome);
             if found.outcome == Outcome::Solved {
