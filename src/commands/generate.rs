@@ -74,7 +74,7 @@ fn into_file(
     let existing = Existing::of_force(options.force);
     let writer = Writer::create_with(out, existing)?;
     let written = write_dataset(generator, run, writer, &mut |done, _| {
-        bar.set_position(done)
+        bar.set_position(done);
     })?;
     bar.finish_and_clear();
     let summary = Summary::new(&written, started.elapsed().as_secs_f64());
