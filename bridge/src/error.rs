@@ -91,13 +91,13 @@ pub enum Error {
         /// Path as it was given.
         path: PathBuf,
         /// Topic of the sensor.
-        topic: String,
+        topic: Box<str>,
         /// Frame of the sensor.
-        sensor_frame: String,
+        sensor_frame: Box<str>,
         /// Frame of the vehicle.
-        vehicle_frame: String,
+        vehicle_frame: Box<str>,
         /// The frames that have transforms.
-        known: String,
+        known: Box<str>,
     },
     /// A message decodes, but what it says cannot be.
     #[error("not a usable {type_name}: {what}")]

@@ -13,6 +13,8 @@ use super::odometry::{Fix, Track};
 pub(crate) const MAX_DRIVES: usize = 1000;
 /// A clock that goes back by more than this has begun again; by less, messages came out of order.
 const BACK_NANOS: u64 = 1_000_000_000;
+/// Parts with fewer messages than this on average mean that the log is in no order at all.
+const FEWEST_A_PART: usize = 8;
 /// Parts of a log that are further apart than this are drives of their own.
 const APART_NANOS: u64 = 1_000_000_000;
 /// How much the time from stamp to recording may differ between parts of one log, nanoseconds.
@@ -61,9 +63,18 @@ fn parts_of(marks: impl Iterator<Item = Mark>) -> impl Iterator<Item = usize> {
 /// in files that were merged, are put together.
 ///
 /// The error is the number of parts if there are more than [`MAX_DRIVES`].
-pub(crate) fn drives_of(fixes: Vec<(Fix, Mark)>) -> Result<Vec<Drive>, usize> {
-    let numbers: Vec<usize> = parts_of(fixes.iter().map(|(_, mark)| *mark)).collect();
-    let count = numbers.last().map_or(0, |last| last + 1);
+pub(crate) fn drives_of(mut fixes: Vec<(Fix, Mark)>) -> Result<Vec<Drive>, usize> {
+    let number = |fixes: &[(Fix, Mark)]| -> Vec<usize> {
+        parts_of(fixes.iter().map(|(_, mark)| *mark)).collect()
+    };
+    let count_of = |numbers: &[usize]| numbers.last().map_or(0, |last| last + 1);
+    let mut numbers = number(&fixes);
+    let has_log_times = fixes.iter().all(|(_, mark)| mark.log_nanos > 0);
+    if has_log_times && count_of(&numbers) * FEWEST_A_PART > fixes.len() {
+        fixes.sort_by_key(|(_, mark)| mark.log_nanos);
+        numbers = number(&fixes);
+    }
+    let count = count_of(&numbers);
     if count > MAX_DRIVES {
         return Err(count);
     }

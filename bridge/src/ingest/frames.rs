@@ -307,13 +307,13 @@ impl Frames {
         let known: Vec<&str> = self.survey.transforms.frames().take(20).collect();
         Err(Error::MissingTransform {
             path: self.path.clone(),
-            topic: sensor.topic.clone(),
-            sensor_frame: sensor_frame.to_owned(),
-            vehicle_frame: vehicle_frame.clone(),
+            topic: sensor.topic.as_str().into(),
+            sensor_frame: sensor_frame.into(),
+            vehicle_frame: vehicle_frame.as_str().into(),
             known: if known.is_empty() {
-                "none".to_owned()
+                "none".into()
             } else {
-                known.join(", ")
+                known.join(", ").into()
             },
         })
     }
