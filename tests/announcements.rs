@@ -150,13 +150,28 @@ fn nodes_without_options_meet_in_a_namespace_of_their_user() {
     assert!(recorder.stop().success());
 }
 
+/// Waits until a node of a namespace can be seen, which is after it has said that it starts.
+fn wait_for_a_node(namespace: &str) {
+    let config = SessionConfig {
+        namespace: Some(namespace.to_owned()),
+        ..SessionConfig::default()
+    };
+    let runtime = tokio::runtime::Runtime::new().unwrap();
+    let seen = runtime.block_on(async {
+        let session = Session::open(&config).await.unwrap();
+        let mut nodes = session.watch_nodes().await.unwrap();
+        tokio::time::timeout(PATIENCE, nodes.recv()).await
+    });
+    assert!(seen.unwrap().unwrap().is_alive);
+}
+
 #[test]
 fn a_second_planner_for_a_vehicle_is_refused_unless_it_shares_and_a_killed_one_is_replaced() {
     let name = namespace("second");
     let plan = ["--namespace", &name, "plan", "--vehicle", "car-1"];
     let share = [&plan[..], &["--share-vehicle"]].concat();
     let first = Node::start(&plan);
-    first.says(&format!("no other node yet in namespace {name}"));
+    wait_for_a_node(&name);
 
     let mut refused = Node::start(&plan);
     refused.says("planner car-1 runs already");

@@ -84,10 +84,11 @@ impl Session {
                         zenoh,
                         namespace: settings.namespace,
                         connect: Arc::default(),
-                        neighbours: place.below().into(),
+                        neighbours: place.others().into(),
                     });
                 }
-                Err(_) if attempt < MOST_PORT_ATTEMPTS && !place.is_free() => {}
+                // Another process was quicker, or looked at the port at the wrong moment.
+                Err(_) if attempt < MOST_PORT_ATTEMPTS => {}
                 Err(error) => return Err(network("no session could be opened", error)),
             }
         }

@@ -38,11 +38,12 @@ impl Default for Ports {
     }
 }
 
-/// The port that a session is to listen on, and those below it.
+/// The port that a session is to listen on, and those around it.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) struct Place {
     port: u16,
     below: Vec<u16>,
+    above: Vec<u16>,
 }
 
 /// Chooses the lowest free port.
@@ -58,6 +59,7 @@ pub(super) fn choose(ports: Ports) -> Result<Place, Error> {
     Ok(Place {
         port,
         below: (ports.first..port).collect(),
+        above: (port..=last).skip(1).collect(),
     })
 }
 
@@ -79,12 +81,14 @@ fn is_free(port: u16) -> bool {
 }
 
 impl Place {
-    pub(super) fn is_free(&self) -> bool {
-        is_free(self.port)
+    /// Endpoints of all other ports.
+    pub(super) fn others(&self) -> Vec<String> {
+        let others = self.below.iter().chain(&self.above);
+        others.copied().map(endpoint).collect()
     }
 
     /// Endpoints of the ports below.
-    pub(super) fn below(&self) -> Vec<String> {
+    fn below(&self) -> Vec<String> {
         self.below.iter().copied().map(endpoint).collect()
     }
 

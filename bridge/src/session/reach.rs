@@ -23,31 +23,12 @@ impl Session {
     /// Names of hosts are looked up anew each time. An endpoint without a host and port counts as
     /// connected as soon as anything is.
     pub async fn unconnected(&self) -> Vec<String> {
-        self.missing(&self.connect).await
-    }
-
-    /// Waits until the session is connected wherever it can be, and knows who is there; a few seconds
-    /// at most.
-    pub(crate) async fn settle(&self) {
-        let end = Instant::now() + SETTLED_WITHIN;
-        while Instant::now() < end {
-            let mut missing = self.missing(&self.neighbours).await;
-            missing.retain(|endpoint| !is_deserted(endpoint));
-            if missing.is_empty() && self.unconnected().await.is_empty() {
-                break;
-            }
-            sleep(LOOK_EVERY).await;
-        }
-        sleep(TOLD_WITHIN).await;
-    }
-
-    async fn missing(&self, endpoints: &[String]) -> Vec<String> {
-        if endpoints.is_empty() {
+        if self.connect.is_empty() {
             return Vec::new();
         }
         let links = self.zenoh.info().links().await;
         let reached: Vec<String> = links.map(|link| link.dst().to_string()).collect();
-        let wanted = endpoints.to_vec();
+        let wanted = self.connect.to_vec();
         // Looking up a name may take seconds.
         let left = spawn_blocking(move || {
             let mut left = wanted;
@@ -55,6 +36,23 @@ impl Session {
             left
         });
         left.await.unwrap_or_default()
+    }
+
+    /// Waits until the session is connected wherever it can be, and knows who is there; a few seconds
+    /// at most.
+    pub(crate) async fn settle(&self) {
+        let end = Instant::now() + SETTLED_WITHIN;
+        // On loopback those above connect to this session, and it cannot tell which of them have. So
+        // it counts; and it looks at the ports once, since looking takes them for a moment.
+        let neighbours = self.neighbours.iter();
+        let taken = neighbours.filter(|endpoint| !is_deserted(endpoint)).count();
+        while Instant::now() < end {
+            if self.peers().await.len() >= taken && self.unconnected().await.is_empty() {
+                break;
+            }
+            sleep(LOOK_EVERY).await;
+        }
+        sleep(TOLD_WITHIN).await;
     }
 }
 
