@@ -2,13 +2,13 @@
 
 mod panics;
 mod presence;
+mod stop;
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use anyhow::{Error, bail};
 use swath_bridge::{Session, SessionConfig, caught};
-use tokio::signal::unix::{SignalKind, signal};
 
 use crate::cli::NetworkOptions;
 
@@ -36,6 +36,7 @@ pub(crate) fn on_session<T>(
     work: impl AsyncFnOnce(Session) -> anyhow::Result<T>,
 ) -> anyhow::Result<T> {
     panics::watch();
+    stop::listen();
     let runtime = tokio::runtime::Builder::new_multi_thread()
         .enable_all()
         .build()?;
@@ -74,20 +75,8 @@ fn session_config(network: &NetworkOptions) -> SessionConfig {
 /// Done when the process is asked to stop, by Ctrl-C or SIGTERM, or when something in it panicked.
 pub(crate) async fn stop_signal() {
     tokio::select! {
-        () = asked_to_stop() => (),
+        () = stop::asked() => (),
         () = panics::happened() => (),
-    }
-}
-
-async fn asked_to_stop() {
-    let Ok(mut terminate) = signal(SignalKind::terminate()) else {
-        // Without that handler the signal ends the process by itself.
-        drop(tokio::signal::ctrl_c().await);
-        return;
-    };
-    tokio::select! {
-        _ = tokio::signal::ctrl_c() => (),
-        _ = terminate.recv() => (),
     }
 }
 

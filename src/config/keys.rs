@@ -9,7 +9,7 @@ use super::Config;
 /// The table's text.
 const TABLE: &str = include_str!("keys.txt");
 
-/// Sections of crates in whose place [grid] and [vehicle] count, which all nodes share.
+/// Sections of crates in whose place `[grid]` and `[vehicle]` count, which all nodes share.
 const SHARED_INSTEAD: [&str; 4] = [
     "ingest.spec",
     "ingest.vehicle",

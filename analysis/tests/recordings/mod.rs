@@ -76,7 +76,7 @@ pub(crate) fn plan(
         },
         chosen: -1,
         targets,
-        reason: "no time".to_owned(),
+        reason: String::new(),
         detail: String::new(),
         rejected: Vec::new(),
     }
@@ -326,6 +326,8 @@ fn live_plans(writer: &mut Writer) {
         let targets = vec![target(number, outcome, (5.0, 10, 1.0))];
         let report = PlanReport {
             vehicle: "v0".to_owned(),
+            frame: u64::from(number) + 1,
+            reason: if number == 9 { "blocked" } else { "no time" }.to_owned(),
             scene: String::new(),
             weights_run: if version == 0 { "" } else { "r1" }.to_owned(),
             weights_version: version,
