@@ -80,7 +80,7 @@ pub(crate) struct NetworkOptions {
     /// Connect there and stay connected, for example tcp/10.0.0.2:7447
     #[arg(long, global = true, value_name = "ENDPOINT")]
     pub(crate) connect: Vec<String>,
-    /// Prefix of all keys, to keep systems apart; - for none [default: user-<number of the user> on
+    /// Prefix of all keys, to keep systems apart; - for none [default: user-UID on
     /// loopback, none with --listen, --connect or a zenoh file that names endpoints]
     #[arg(long, global = true, value_name = "NAME", value_parser = values::namespace)]
     pub(crate) namespace: Option<String>,
