@@ -126,7 +126,13 @@ pub async fn run(
     stop: impl Future<Output = ()>,
     observe: impl FnMut(&PlanReport),
 ) -> Result<NodeSummary, Error> {
-    let mut node = Node::new(session, config, initial).await?;
+    let mut stop = pin!(stop);
+    // Whoever waits for another planner to end can be stopped meanwhile.
+    let mut node = tokio::select! {
+        biased;
+        () = &mut stop => return Ok(NodeSummary::default()),
+        node = Node::new(session, config, initial) => node?,
+    };
     let served = caught(serve(&mut node, stop, observe)).await;
     let served = served.unwrap_or_else(|what| Err(Error::Panicked { what }));
     if node.expires.is_some() || served.is_err() {

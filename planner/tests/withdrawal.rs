@@ -154,7 +154,18 @@ async fn a_second_planner_for_a_vehicle_is_refused_and_the_first_goes_on() {
         shares_vehicle: true,
         ..config()
     };
-    let summary = node::run(&session, shares, None, async {}, nothing).await;
-    assert_eq!(summary.unwrap().frames, 0);
+    let mut nodes = session.watch_nodes().await.unwrap();
+    let both_run = async move {
+        for _ in 0..2 {
+            assert!(nodes.recv().await.unwrap().is_alive);
+        }
+    };
+    soon(node::run(&session, shares, None, both_run, nothing))
+        .await
+        .unwrap();
+
+    // One that waits for the first to end stops when it is told to.
+    let waits = node::run(&session, config(), None, async {}, nothing);
+    assert_eq!(soon(waits).await.unwrap().frames, 0);
     first.abort();
 }
