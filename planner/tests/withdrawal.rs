@@ -160,12 +160,14 @@ async fn a_second_planner_for_a_vehicle_is_refused_and_the_first_goes_on() {
             assert!(nodes.recv().await.unwrap().is_alive);
         }
     };
-    soon(node::run(&session, shares, None, both_run, nothing))
-        .await
-        .unwrap();
+    soon(Box::pin(node::run(
+        &session, shares, None, both_run, nothing,
+    )))
+    .await
+    .unwrap();
 
     // One that waits for the first to end stops when it is told to.
     let waits = node::run(&session, config(), None, async {}, nothing);
-    assert_eq!(soon(waits).await.unwrap().frames, 0);
+    assert_eq!(soon(Box::pin(waits)).await.unwrap().frames, 0);
     first.abort();
 }
