@@ -8,8 +8,8 @@ pub use turning::{CurvatureAtSpeed, CurvatureBySpeed, SpeedLimits};
 
 use crate::Error;
 
-/// Full lock to full lock is steered over this share of the smallest turning radius where nothing is
-/// said about it: what the paper's vehicle does (0.3 1/m² at 5.5 m).
+/// Where nothing is said of the rate, the wheels go from straight to full lock over this share of the
+/// smallest turning radius, as the paper's vehicle's do (0.3 1/m² at 5.5 m).
 const LOCK_SHARE: f64 = 1.0 / (0.3 * 5.5 * 5.5);
 
 /// A car-like vehicle, measured from the middle of its rear axle.
